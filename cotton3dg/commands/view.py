@@ -8,6 +8,8 @@ same bytes. Checks and measurements are the commands `check` and `run`, one at a
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import shutil
 import subprocess
@@ -23,15 +25,18 @@ from queue import SimpleQueue
 from typing import Any, Final
 from urllib.parse import quote
 
-from ..errors import DOUBTFUL, BadInput, BadUsage, CaptureFailed, Cotton3dgError
+from ..errors import DOUBTFUL, BadInput, BadUsage, CaptureFailed, Cotton3dgError, unknown
 from ..identity.names import folder_name, id_problem
 from ..io.local_server import HTML, Answer, LocalServer, Refused, Request, as_json
 from ..io.saving import explain_disk_errors, full_disk, replacing
+from ..io.tables import parse_number
+from ..options import PRESETS
 from ..plants import has_results, is_plant, plants_in, refuse_plant
 from ..report.live import describe, opened, view_page
 from ..report.page import is_stale, make_report
 from ..workspace import VIDEO_SUFFIXES, Workspace
 from .correct import Asked, correct, kept_texts
+from .export import export
 
 CSV: Final = "text/csv; charset=utf-8"
 OF_PLANT: Final = {
@@ -52,6 +57,10 @@ OF_FIELD: Final = {
 CORRECTIONS: Final = "corrections"
 UNDO: Final = "undo"
 TABLES: Final = "tables"
+WORKBOOK: Final = "workbook.xlsx"
+XLSX: Final = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"
+SIDES: Final = ("table_length_cm", "table_width_cm")
+"""Options of `scale` that the page asks for."""
 JOBS: Final = {"check": (0, DOUBTFUL, CaptureFailed.exit_code), "run": (0,)}
 """Command -> exit codes with which it has done its work."""
 MOST_BYTES: Final = 2**20
@@ -139,18 +148,20 @@ class Desk:
     def _show(self, parts: tuple[str, ...]) -> Answer:
         name = "/".join(parts)
         if not parts:
-            return _page(view_page(self.root.name, is_field=self.is_field))
+            return _page(view_page(self.root.name, is_field=self.is_field), 0)
         if name == "state":
             return as_json(self._state())
         if self.is_field and name in OF_FIELD:
-            return self._file(self.root, name, OF_FIELD[name])
+            return self._file(self.root, name, OF_FIELD[name], len(parts))
+        if self.is_field and name == WORKBOOK:
+            return self._workbook()
         workspace, rest = self._find(parts)
         if rest == CORRECTIONS:
             return as_json({"kept": kept_texts(workspace), "message": self._messages.get(workspace.root, "")})
         if rest == "report.html":
             self._renew(workspace)
         if rest in OF_PLANT:
-            return self._file(workspace.root, rest, OF_PLANT[rest])
+            return self._file(workspace.root, rest, OF_PLANT[rest], len(parts))
         raise Refused(HTTPStatus.NOT_FOUND, "there is no such page")
 
     def _find(self, parts: tuple[str, ...]) -> tuple[Workspace, str]:
@@ -161,7 +172,7 @@ class Desk:
                 return workspace, "/".join(parts[n:])
         raise Refused(HTTPStatus.NOT_FOUND, "there is no such page")
 
-    def _file(self, folder: Path, name: str, kind: str) -> Answer:
+    def _file(self, folder: Path, name: str, kind: str, depth: int) -> Answer:
         path = folder / name
         if not path.resolve().is_relative_to(self.root):
             raise Refused(HTTPStatus.FORBIDDEN, f"{name} is a link that leads out of the folder")
@@ -170,9 +181,16 @@ class Desk:
         except OSError as error:
             raise Refused(HTTPStatus.NOT_FOUND, f"{name} cannot be read ({error.strerror})") from error
         if kind == HTML:
-            return _page(content)
+            return _page(content, depth)
         label = path.name if folder == self.root and self.is_field else f"{folder_name(folder.name)}_{path.name}"
-        return Answer(content, kind, headers={"Content-Disposition": f"attachment; filename*=UTF-8''{quote(label)}"})
+        return _download(content, kind, label)
+
+    def _workbook(self) -> Answer:
+        """The tables of the field as an Excel file."""
+        with tempfile.TemporaryDirectory() as folder:
+            export(self.root, "xlsx", Path(folder) / "export")
+            (file,) = Path(folder).glob("export/*.xlsx")
+            return _download(file.read_bytes(), XLSX, file.name)
 
     def _state(self) -> dict[str, Any]:
         plants = []
@@ -198,7 +216,7 @@ class Desk:
             return as_json({})
         workspace, what = self._find(request.parts)
         if what in JOBS:
-            self._jobs.add("/".join(request.parts[:-1]), what, workspace.root)
+            self._jobs.add("/".join(request.parts[:-1]), [what, str(workspace.root), *_chosen(request.read())])
             return as_json({})
         if what == CORRECTIONS:
             with _as_file(request.read()) as file:
@@ -254,18 +272,22 @@ class _Jobs:
         """Plant -> the last line of its work, or why it came to nothing."""
         self.asked: set[str] = set()
         """Plants that are at work or wait."""
-        self._queue: SimpleQueue[tuple[str, str, Path]] = SimpleQueue()
+        self._queue: SimpleQueue[tuple[str, list[str]]] = SimpleQueue()
         self._process: subprocess.Popen[str] | None = None
         self._ended = threading.Event()
         threading.Thread(target=self._work, daemon=True).start()
 
-    def add(self, plant: str, command: str, folder: Path) -> None:
-        """Raises BadUsage if the plant waits already."""
+    def add(self, plant: str, words: list[str]) -> None:
+        """Put a command with its arguments behind the others.
+
+        Raises:
+            BadUsage: the plant waits already.
+        """
         if plant in self.asked:
             raise BadUsage(f"{plant} is at work or waits already")
         self.asked.add(plant)
         self.lines[plant] = "waits for its turn"
-        self._queue.put((plant, command, folder))
+        self._queue.put((plant, words))
 
     def close(self) -> None:
         """End the command that works; the same command continues from there."""
@@ -276,19 +298,18 @@ class _Jobs:
 
     def _work(self) -> None:
         while True:
-            plant, command, folder = self._queue.get()
+            plant, words = self._queue.get()
             if self._ended.is_set():
                 return
-            self.lines[plant] = f"{command} begins"
-            code = self._run(plant, command, folder)
-            if code in JOBS[command]:
+            self.lines[plant] = f"{words[0]} begins"
+            if self._run(plant, words) in JOBS[words[0]]:
                 del self.lines[plant]
             self.asked.discard(plant)
 
-    def _run(self, plant: str, command: str, folder: Path) -> int:
+    def _run(self, plant: str, words: list[str]) -> int:
         # A session of its own keeps the terminal's Ctrl-C away from the process; `close` ends it.
         with subprocess.Popen(
-            [sys.executable, "-m", "cotton3dg.cli", command, str(folder)],
+            [sys.executable, "-m", "cotton3dg.cli", *words],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -301,9 +322,38 @@ class _Jobs:
         return self._process.returncode
 
 
-def _page(content: bytes) -> Answer:
-    page, policy = opened(content)
+def _page(content: bytes, depth: int) -> Answer:
+    page, policy = opened(content, depth)
     return Answer(page, HTML, headers={"Content-Security-Policy": policy})
+
+
+def _download(content: bytes, kind: str, name: str) -> Answer:
+    return Answer(content, kind, headers={"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"})
+
+
+def _chosen(said: bytes) -> list[str]:
+    """Arguments of a command for what the page's form says; what it leaves blank stays as the plant has it.
+
+    Raises:
+        BadUsage: the form says what no form of this version does.
+    """
+    try:
+        form = json.loads(said)
+        preset, sides = form.get("preset", ""), {side: form.get(side, "") for side in SIDES}
+    except (ValueError, AttributeError) as error:
+        raise BadUsage("this is not what the page's form says; load the page again") from error
+    words = []
+    if preset:
+        if preset not in PRESETS:
+            raise unknown(f"preset {preset!r}", str(preset), PRESETS)
+        words += ["--preset", preset]
+    for side, value in sides.items():
+        if value:
+            length_cm = parse_number(str(value).replace(",", "."))
+            if not 0 < length_cm < math.inf:
+                raise BadUsage(f"{value!r} is not a length of a table; write its centimetres as a number, like 120")
+            words += ["--set", f"scale.{side}={length_cm:g}"]
+    return words
 
 
 @contextmanager

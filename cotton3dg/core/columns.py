@@ -23,8 +23,8 @@ class Column:
 
     @property
     def scale_name(self) -> str:
-        """Name of the unit in data exchange, where whole numbers without a unit are counts."""
-        return "count" if self.unit == "1" and self.digits is None else self.unit
+        """Name of the unit in data exchange, where whole numbers without a unit are counts, and no unit means text."""
+        return "count" if self.unit == "1" and self.digits is None else self.unit or "text"
 
 
 def column(

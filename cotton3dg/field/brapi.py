@@ -83,7 +83,12 @@ def _variable(column: Column) -> dict[str, Any]:
         **reference,
         "trait": {"traitDbId": column.name, "traitName": name, "traitDescription": column.description},
         "method": {"methodDbId": METHOD, "methodName": METHOD, "methodClass": "Measurement"},
-        "scale": {"scaleDbId": unit, "scaleName": unit, "units": unit, "dataType": "Numerical"},
+        "scale": {
+            "scaleDbId": unit,
+            "scaleName": unit,
+            "units": unit,
+            "dataType": "Numerical" if column.unit else "Text",
+        },
     }
 
 

@@ -18,7 +18,7 @@ SHEETS: Final = {TABLE: "plants", BOLL_TABLE: "bolls", MEANS_TABLE: "genotypes",
 def cottongen_sheets(field: Field, study: Study) -> Sheets:
     """The templates `phenotype` and `descriptor`; a star marks required columns, # a descriptor's values."""
     dataset = study.get("Study", "studyId", field.name)
-    traits = [column for column in TRAIT_COLUMNS if any(row.get(column.name) is not None for row in field.plants)]
+    traits = [column for column in TRAIT_COLUMNS if any(row.get(column.name) not in (None, "") for row in field.plants)]
     heads = ["*dataset_name", "*stock_name", "*genus", "*species", "*sample_ID", "evaluator", *COTTONGEN_ROLES]
     heads += ["data_year", "evaluation_date", *(f"#{column.name}" for column in traits)]
     rows = []
@@ -29,7 +29,8 @@ def cottongen_sheets(field: Field, study: Study) -> Sheets:
         cells += [field.role(row, role) for role in COTTONGEN_ROLES.values()]
         rows.append([*cells, field.role(row, "season") or date[:4], date, *(row[column.name] for column in traits)])
     descriptors = [
-        [column.name, "numeric", column.ontology, column.scale_name, column.description] for column in traits
+        [column.name, "numeric" if column.unit else "text", column.ontology, column.scale_name, column.description]
+        for column in traits
     ]
     return {
         "phenotype": (heads, rows),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ..core.columns import Column, columns_of
-from ..core.measurements import PlantTraits
+from ..core.measurements import PlantEvidence, PlantTraits
 from ..errors import MissingInput
 from ..io.tables import BOLLS, TRAITS, read_rows, value_of
 from ..plants import refuse_plant
@@ -84,17 +84,17 @@ class Field:
         return date if DATE.fullmatch(date) else ""
 
 
-TRAIT_COLUMNS: Final[Sequence[Column]] = tuple(
-    column
-    for column in columns_of(PlantTraits)
-    if column.name != "corrections" and not column.name.startswith("original_")
+TRAIT_COLUMNS: Final[Sequence[Column]] = (
+    *(column for column in columns_of(PlantTraits) if not column.name.startswith("original_")),
+    *(column for column in columns_of(PlantEvidence) if column.name == "qc_flags"),
 )
-"""The traits that are observed on a plant; the other columns describe how."""
+"""What is observed on a plant, with what makes it doubtful: corrections by a person, and flags. The other columns
+describe how."""
 
 
 def observed(row: Mapping[str, Any]) -> list[tuple[Column, Any]]:
     """Traits of a plant that have a value."""
-    return [(column, row[column.name]) for column in TRAIT_COLUMNS if row.get(column.name) is not None]
+    return [(column, row[column.name]) for column in TRAIT_COLUMNS if row.get(column.name) not in (None, "")]
 
 
 def shown(column: Column, value: Any) -> str:

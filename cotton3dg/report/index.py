@@ -151,11 +151,11 @@ def _describe_plant(folder: Path, row: Mapping[str, Any], scores: dict[str, floa
         "outliers": outliers,
         "flags": flags,
         "sure": {trait: sureness_of(row, trait) or "" for trait in SHOWN},
-        "intervals": {trait: _interval_text(row, trait) for trait in SHOWN},
+        "intervals": {trait: interval_text(row, trait) for trait in SHOWN},
     }
 
 
-def _interval_text(row: Mapping[str, Any], trait: str) -> str:
+def interval_text(row: Mapping[str, Any], trait: str) -> str:
     """`12 to 14`; empty where the trait has no interval."""
     _, low, high = interval_of(row, trait)
     digits = SHOWN[trait][2]

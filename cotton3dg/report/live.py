@@ -21,12 +21,14 @@ from .. import __version__
 from ..core.runs import State
 from ..errors import BadInput
 from ..io.tables import parse_number
+from ..options import PRESETS
 from ..schemas.check import RED, YELLOW, CheckInfo
 from ..stage import STAGES
 from ..workspace import VIDEO_SUFFIXES, Workspace
 from .facts import read_facts
-from .index import SHOWN
+from .index import SHOWN, interval_text
 from .page import MARKED_BYTES, TEMPLATES, fill_template, give_verdict
+from .verdicts import SURENESS, sureness_of
 
 CLOSED: Final = b"default-src 'none';"
 OPENED: Final = CLOSED + b" connect-src 'self';"
@@ -34,6 +36,8 @@ OPENED: Final = CLOSED + b" connect-src 'self';"
 PAGE: Final = b'<html lang="en">'
 MARKED: Final = b'<html lang="en" data-view>'
 """A page that knows that `view` shows it."""
+BODY: Final = b"<body>"
+BACK: Final = b'<nav class="back" aria-label="Back"><a href="%b">Back to the table</a></nav>'
 SANDBOX: Final = "sandbox allow-scripts allow-downloads allow-modals; frame-ancestors 'none'"
 """Policy for any other page: its scripts run as if it had come from elsewhere, and the server refuses what they ask."""
 WORKING: Final = "working"
@@ -49,6 +53,8 @@ def view_page(name: str, *, is_field: bool) -> bytes:
         "name": name,
         "is_field": is_field,
         "shown": SHOWN,
+        "presets": PRESETS,
+        "sureness": SURENESS,
         "suffixes": ",".join(VIDEO_SUFFIXES),
         "version": __version__,
     }
@@ -56,13 +62,18 @@ def view_page(name: str, *, is_field: bool) -> bytes:
     return fill_template("view.html", scripts, content).encode()
 
 
-def opened(page: bytes) -> tuple[bytes, str]:
-    """A page as the browser gets it, with the policy that the browser holds it to.
+def opened(page: bytes, depth: int) -> tuple[bytes, str]:
+    """A page as the browser gets it, with a link to the first page, and the policy that the browser holds it to.
 
     A page with a script of this version may ask the server, and no script but those of this version runs in it: the
     folder may come from somebody else. Any other page is shown apart from the server.
+
+    Args:
+        depth: number of names in the page's address; 0 = the first page itself, which gets no link.
     """
     head = page[:MARKED_BYTES]
+    if depth:
+        page = page.replace(BODY, BODY + BACK % (b"../" * (depth - 1) or b"./"), 1)
     if not any(script.encode() in head for script in _asking()):
         return page, SANDBOX
     policy = f"script-src {' '.join(_own_scripts())}; connect-src 'self'; base-uri 'none'; frame-ancestors 'none'"
@@ -99,14 +110,18 @@ def _describe(root: Path, _changed: tuple[int, ...]) -> dict[str, Any]:
     """Cached, as the page asks every few seconds; whoever changes a plant changes one of its folders."""
     workspace = Workspace(root)
     facts = read_facts(workspace)
-    found: dict[str, Any] = {"traits": {name: _shown(facts.traits, name) for name in SHOWN}}
+    found: dict[str, Any] = {
+        "traits": {name: _shown(facts.traits, name) for name in SHOWN},
+        "intervals": {name: interval_text(facts.traits, name) for name in SHOWN},
+        "sure": {name: sureness_of(facts.traits, name) or "" for name in SHOWN},
+    }
     if check := _last_check(workspace):
         found["check"] = {"verdict": check.verdict, "text": check.line}
     if facts.traits:
         return found | {"state": State.DONE} | give_verdict(facts, "")
-    has_failed = any(item.state == State.FAILED for item in facts.stages)
-    state, verdict = (State.FAILED, RED) if has_failed else (State.WAITING, YELLOW)
-    return found | {"state": state, "verdict": verdict, "text": facts.failure}
+    if any(item.state == State.FAILED for item in facts.stages):
+        return found | {"state": State.FAILED, "verdict": RED, "text": facts.failure}
+    return found | {"state": State.WAITING, "verdict": YELLOW, "text": "not measured yet"}
 
 
 def _shown(row: dict[str, str], trait: str) -> str:

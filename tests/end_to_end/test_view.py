@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pages of a plant and of a field as a browser gets them: the same bytes as by the commands, and nothing else."""
 
+import io
 import json
 import shutil
 import signal
@@ -13,6 +14,7 @@ from http import HTTPStatus
 from pathlib import Path
 from urllib.parse import quote
 
+import pandas as pd
 import pytest
 from scenes.local_client import serving
 from scenes.viewed import viewed
@@ -153,6 +155,10 @@ def test_the_tables_of_a_field_hold_what_was_corrected(field, page_of):
     assert rows["row 1/plant_017"]["boll_count"] == "3" and rows["plant_018"]["state"] == "waiting"
     assert page.json("state")["pages"] == ["index.html", "batch.csv", "batch_bolls.csv"]
     assert page.gets("index.html")[1]["Content-Security-Policy"].startswith("sandbox")
+    status, headers, content = page.gets("workbook.xlsx")
+    assert status == HTTPStatus.OK and headers["Content-Disposition"].endswith("field.xlsx")
+    assert pd.read_excel(io.BytesIO(content), sheet_name=0).shape[0] == len(rows)
+    assert not (field / "export").exists()
     # What a batch said of a failure stays.
     text = (
         (field / "batch.csv").read_text(encoding="utf-8").replace("waiting", "failed").replace("frames: ", "broken: ")
@@ -213,6 +219,34 @@ def test_plants_are_checked_and_measured_one_at_a_time_and_told_why_not(field, p
     assert page.posts("plant_018/run")[0] == HTTPStatus.OK
     state = until(page, "plant_018", lambda state: not state["busy"])
     assert (state["state"], state["verdict"]) == ("failed", "red") and state["text"] in state["job"]
+
+
+def test_a_measurement_has_the_preset_and_the_table_of_the_form(field, page_of):
+    assert module._chosen(b"{}") == module._chosen(b'{"preset": "", "table_length_cm": ""}') == []
+    form = {"preset": "draft", "table_length_cm": "100,5", "table_width_cm": "50"}
+    words = ["--preset", "draft", "--set", "scale.table_length_cm=100.5", "--set", "scale.table_width_cm=50"]
+    assert module._chosen(json.dumps(form).encode()) == words
+    page = page_of(field)
+    for wrong, reason in (
+        ({"preset": "daft"}, "draft"), ({"table_width_cm": "wide"}, "centimetres"),
+        ({"table_length_cm": "-3"}, "number"),
+        ({"preset": ["draft"]}, "preset"), (b"[]", "load the page again"), (b"x", "load the page again"),
+    ):  # fmt: skip
+        status, answer = page.posts("plant_018/run", wrong)
+        assert status == HTTPStatus.CONFLICT and reason in answer["message"], answer
+    assert not page.json("state")["plants"][0]["busy"]
+
+
+def test_the_page_shows_each_trait_with_its_interval_and_how_sure_it_is(reported_copy, page_of):
+    page = page_of(reported_copy.root)
+    (plant,) = page.json("state")["plants"]
+    (row,) = read_rows(reported_copy.traits_csv)
+    assert plant["intervals"]["boll_count"] == f"{row['boll_count_low']} to {row['boll_count_high']}"
+    assert set(plant["sure"].values()) <= {"green", "yellow", "red", ""} and plant["sure"]["boll_count"]
+    shutil.rmtree(reported_copy.root / "records")
+    reported_copy.traits_csv.unlink()
+    (plant,) = page.json("state")["plants"]
+    assert (plant["state"], plant["text"], plant["intervals"]["boll_count"]) == ("waiting", "not measured yet", "")
 
 
 def test_the_log_of_a_run_tells_how_far_it_is(reported_copy, page_of):

@@ -89,7 +89,7 @@ def test_a_film_is_added_and_checked_without_a_shell(reported, tmp_path):
         assert [film.read_text() for film in (tmp_path / "field" / "plant_018").iterdir()] == ["film"]
         browser.click(*browser.middle("#plants tr:nth-child(2) button"))
         browser.wait("document.querySelector('#plants tr:nth-child(2) span.red a')?.textContent === 'red'", ANSWER_S)
-        browser.click(*browser.middle("#tables"))
+        browser.click(*browser.middle('[data-saves="batch.csv"]'))
         browser.wait("!document.getElementById('overview').hidden", ANSWER_S)
         # On a phone's width only the table scrolls.
         browser.open(page.server.address, 390, 800)

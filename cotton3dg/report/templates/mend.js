@@ -31,6 +31,7 @@ const corrections = (() => {
 
   if (served) {
     [save.hidden, note.textContent] = [true, ""];
+    document.getElementById("to_save").textContent = "Corrected and saved";
     fetch("corrections").then(answer => answer.json()).then(answer => {
       kept = answer.kept ?? [];
       if (!left) note.textContent = answer.message;

@@ -4,6 +4,8 @@
   const EVERY_MS = 2000;
   const body = document.getElementById("plants");
   const traits = body.dataset.traits.split(" ");
+  const sureness = JSON.parse(body.dataset.sureness);
+  const heads = [...body.parentElement.tHead.rows[0].cells].map(head => head.textContent.trim());
   const rows = new Map();
   const overview = document.getElementById("overview");
   const say = text => { document.getElementById("message").textContent = text; };
@@ -37,16 +39,31 @@
     if (rows.has(plant)) return rows.get(plant);
     const row = make("tr");
     row.append(make("th", { scope: "row" }), ...Array.from({ length: traits.length + 3 }, () => make("td")));
+    for (const [n, cell] of [...row.cells].entries()) if (n > 1) cell.dataset.label = heads[n];
+    row.cells[1].className = "remarks";
     for (const cell of [...row.cells].slice(2, 2 + traits.length)) cell.className = "n";
     const tools = make("div", { className: "tools" });
     row.lastChild.append(tools);
     for (const [job, words] of [["check", "Check the film"], ["run", "Measure"]]) {
       const button = make("button", { type: "button", textContent: words });
-      button.addEventListener("click", does(() => ask(path(plant, job), "{}")));
+      button.addEventListener("click", does(() => ask(path(plant, job), chosen())));
       tools.append(button);
     }
     rows.set(plant, row);
     return row;
+  }
+
+  // What the form says of measuring; a blank leaves what the plant has.
+  const settings = ["preset", "table_length_cm", "table_width_cm"].map(id => document.getElementById(id));
+  const chosen = () => JSON.stringify(Object.fromEntries(settings.map(({ id, value }) => [id, value.trim()])));
+
+  // A trait with how sure it is and its interval.
+  function trait(found, name) {
+    if (!found.traits[name]) return ["–"];
+    const sure = found.sure[name];
+    const mark = sure && make("span", { className: `sure ${sure}`, title: sureness[sure], role: "img", ariaLabel: sureness[sure] });
+    const interval = found.intervals[name] && make("span", { className: "soft", textContent: found.intervals[name] });
+    return [mark, found.traits[name], interval && make("br"), interval].filter(Boolean);
   }
 
   const link = (plant, page, words) => make("a", { href: path(plant, page), textContent: words });
@@ -59,7 +76,7 @@
     const last = found.job && !found.job.includes(found.text) ? `${found.text}; ${found.job}` : found.text;
     const words = `${busy ? "working" : found.state}: ${(busy && found.job) || last}`;
     row.cells[1].replaceChildren(make("span", { className: found.verdict, textContent: words }));
-    traits.forEach((trait, n) => { row.cells[2 + n].textContent = found.traits[trait] || "–"; });
+    traits.forEach((name, n) => row.cells[2 + n].replaceChildren(...trait(found, name)));
     if (found.check && has("check/check.html")) {
       const film = make("span", { className: found.check.verdict });
       film.append(link(found.plant, "check/check.html", found.check.verdict), ` ${found.check.text}`);
@@ -92,8 +109,10 @@
   form?.addEventListener("submit", does(async () => {
     const kinds = film.accept.split(",");
     if (!kinds.some(kind => film.files[0].name.toLowerCase().endsWith(kind))) throw new Error(`A film ends in ${kinds.join(", ")}.`);
+    const name = plant.value.trim();
+    if (/[/\\]/.test(name)) throw new Error("Name the plant without / and \\: its folder gets this name.");
     say("The film is copied …");
-    const added = await ask(path(plant.value.trim(), film.files[0].name), film.files[0], "application/octet-stream");
+    const added = await ask(path(name, film.files[0].name), film.files[0], "application/octet-stream");
     form.reset();
     say(`${added.plant} is there. Check its film, or measure it.`);
   }));
@@ -105,10 +124,15 @@
       plant.focus();
     });
   }
-  document.getElementById("tables")?.addEventListener("click", does(async () => {
-    await ask("tables", "{}");
-    location.assign("batch.csv");
-  }));
+  for (const button of document.querySelectorAll("[data-saves]")) {
+    button.addEventListener("click", does(async ({ dataset: { saves } }) => {
+      await ask("tables", "{}");
+      const answer = await fetch(saves);
+      if (!answer.ok) throw new Error((await answer.json()).message);
+      location.assign(saves);
+      say(`${saves} is in your downloads.`);
+    }));
+  }
 
   follow();
 })();

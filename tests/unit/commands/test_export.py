@@ -227,6 +227,39 @@ def test_libreoffice_opens_the_workbook(field, tmp_path):
     assert sum(int(found[1]) if found else 1 for found in repeats) == 2 + len(TRAIT_COLUMNS)
 
 
+def test_every_database_learns_of_flags_and_corrections(field):
+    with (field / "batch.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        row |= {"qc_flags": "", "corrections": ""}
+    rows[1] |= {"qc_flags": "doubtful_bolls|blurred", "corrections": "2"}
+    with (field / "batch.csv").open("w", newline="") as file:
+        csv.DictWriter(file, rows[0].keys()).writeheader()
+        csv.DictWriter(file, rows[0].keys()).writerows(rows)
+    for kind in ("brapi", "miappe", "cottongen", "fieldbook"):
+        export(field, kind)
+    out = field / "export"
+    said = {
+        item["observationVariableName"]: item["value"]
+        for item in json.loads((out / "brapi" / "observations.json").read_text())["result"]["data"]
+        if item["observationVariableName"] in ("qc_flags", "corrections")
+    }
+    assert said == {"qc_flags": "doubtful_bolls|blurred", "corrections": "2"}
+    (scale,) = [
+        item["scale"]
+        for item in json.loads((out / "brapi" / "variables.json").read_text())["result"]["data"]
+        if item["observationVariableName"] == "qc_flags"
+    ]
+    assert (scale["dataType"], scale["units"]) == ("Text", "text")
+    tables = [list(csv.DictReader((out / "miappe" / "observations.tsv").open(), delimiter="\t"))]
+    tables.append(list(csv.DictReader((out / "fieldbook" / "fieldbook_table.csv").open())))
+    head, *cells = load_workbook(out / "cottongen" / "cottongen.xlsx")["phenotype"].iter_rows(values_only=True)
+    tables.append([dict(zip((name.strip("#") for name in head), row, strict=True)) for row in cells])
+    for table in tables:
+        assert [row["qc_flags"] or "" for row in table] == ["", "doubtful_bolls|blurred", "", "", "", ""]
+        assert str(table[1]["corrections"]) == "2"
+
+
 def test_an_export_over_a_file_of_the_users_changes_nothing(field):
     (field / "export" / "xlsx").mkdir(parents=True)
     (field / "export" / "xlsx" / f"{field.name}.xlsx").write_text("mine")

@@ -36,8 +36,15 @@ def test_the_last_begin_of_a_log_tells_the_stage(tmp_path: Path, log: str, text:
 
 
 def test_only_a_page_with_a_script_of_this_version_may_ask() -> None:
-    page, policy = opened(view_page("field <b>", is_field=True))
+    page, policy = opened(view_page("field <b>", is_field=True), 0)
     assert b"connect-src 'self'" in page and b"data-view>" in page and b"field &lt;b&gt;" in page
     assert "connect-src 'self'" in policy and "'unsafe-inline'" not in policy
     for other in (b"", b"<title>mine</title>", view_page("", is_field=False).replace(b"sha256-", b"sha256_")):
-        assert opened(other) == (other, SANDBOX)
+        assert opened(other, 0) == (other, SANDBOX)
+
+
+@pytest.mark.parametrize(("depth", "href"), [(0, None), (1, "./"), (2, "../"), (3, "../../")])
+def test_a_page_leads_back_to_the_first_one(depth: int, href: str | None) -> None:
+    page, _ = opened(b"<html><body><h1>plant</h1></body>", depth)
+    assert (f'<a href="{href}">Back to the table</a>'.encode() in page) == (href is not None)
+    assert page.endswith(b"<h1>plant</h1></body>")

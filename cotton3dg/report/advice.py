@@ -176,7 +176,7 @@ FLAGS: Final = {
         "Many bolls touch each other",
         "About one touching boll in thirty is lost in its neighbour or counted twice. The border between two bolls is a"
         " guess, so volumes are less sure, too.",
-        "Look at the numbered bolls below; the errors of count and volume allow for it.",
+        "Look at the bolls of least confidence in the table below; the errors of count and volume allow for it.",
     ),
     "corrections_not_applied": Meaning(
         "Some corrections do not apply",

@@ -23,7 +23,7 @@ from ..errors import BadInput, Cotton3dgError
 from ..io.saving import explain_disk_errors, file_sha256, write_text_atomically
 from ..io.skeleton import draw_map
 from ..io.tables import flags_of, parse_number
-from ..schemas.check import RED
+from ..schemas.check import GREEN, RED
 from ..schemas.document import Document
 from ..stage import STAGES
 from ..workspace import Workspace
@@ -36,12 +36,16 @@ from .verdicts import SURENESS, interval_of, of_row, sureness_of
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-VERSION: Final = 7
+VERSION: Final = 8
 RECORD: Final = "report"
 TEMPLATES: Final = Path(__file__).with_name("templates")
 OWN_TITLE: Final = "– cotton3dg</title>".encode()
 OF_THE_PROGRAM: Final = ("report_version", "cotton3dg_version", "templates")
 """The parts of a fingerprint that another version of the program changes."""
+UNSURE: Final = 0.9
+"""Confidence below which a boll is named where a count is less sure than usual; ..."""
+MOST_NAMED: Final = 5
+"""... no more than so many."""
 PHONE_PX: Final = 360.0
 """Width of the plant map on a phone, where its letters have the size that they are drawn at."""
 MARKED_BYTES: Final = 4096
@@ -228,9 +232,11 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     low, high = (row.get(f"boll_count_{end}", "") for end in ("low", "high"))
     count_range = f"{low} to {high}" if low != high else ""
     count_notes = [f"{doubtful} of them doubtful" if doubtful else "none doubtful"] if counted else []
+    if sureness_of(row, "boll_count") != GREEN or "touching_bolls" in flags_of(row):
+        count_notes.append(_least_sure(counted))
     if row.get("boll_count_odd"):
         count_notes.append(f"halves of the images count {row['boll_count_odd']} and {row['boll_count_even']}")
-    count_note = "; ".join(count_notes)
+    count_note = "; ".join(filter(None, count_notes))
     return [
         {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "range": count_range, "note": count_note}
         | {"sure": sureness_of(row, "boll_count") or ""},
@@ -238,6 +244,13 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
         metric("Plant height", "plant_height_cm", "cm", 1, "above the table top", table),
         metric("Canopy size", "canopy_size_cm", "cm", 1, canopy_note, table),
     ]
+
+
+def _least_sure(bolls: list[dict[str, str]]) -> str:
+    """The bolls that make a count unsure, as they may be none or two; empty if all are sure."""
+    sure = {boll["boll_id"]: parse_number(boll.get("confidence")) for boll in bolls}
+    least = sorted((share, name) for name, share in sure.items() if share < UNSURE)[:MOST_NAMED]
+    return f"least sure: {', '.join(f'boll {name} ({100 * share:.0f} %)' for share, name in least)}" if least else ""
 
 
 def boll_rows(facts: Facts, cut_outs: dict[int, list[dict[str, str]]]) -> list[dict[str, Any]]:

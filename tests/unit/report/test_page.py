@@ -65,6 +65,21 @@ def test_the_card_tells_what_halves_of_the_images_count() -> None:
     assert with_halves["range"] == "13 to 15"
 
 
+def test_an_unsure_count_names_the_bolls_that_make_it_so() -> None:
+    confidences = ("0.98", "0.81", "0.90", "0.40", "")
+    bolls = [{"boll_id": str(n), "qc_flags": "", "confidence": p} for n, p in enumerate(confidences, 1)]
+
+    def note(flags: str = "", **cells: str) -> str:
+        return trait_cards(replace(facts(qc_flags=flags, **cells), bolls=bolls))[0]["note"]
+
+    unsure = {"boll_count": "14", "boll_count_low": "10", "boll_count_high": "18"}
+    named = "none doubtful; least sure: boll 4 (40 %), boll 2 (81 %)"
+    assert note(**unsure) == note("touching_bolls") == named
+    assert note() == "none doubtful"
+    bolls[:] = bolls[:1]
+    assert note(**unsure) == "none doubtful"
+
+
 def test_what_does_not_hang_on_the_plant_is_in_no_card() -> None:
     boll = {"boll_id": "1", "alpha_volume_cm3": "50", "qc_flags": ""}
     thing = {"boll_id": "2", "alpha_volume_cm3": "400", "qc_flags": "off_plant|too_large"}

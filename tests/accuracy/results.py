@@ -27,6 +27,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
+import grimp
 import pandas as pd
 from interval_coverage import judged
 from results_page import KEY, LENGTHS, ROOT, SAVED, SETS, TRAITS, write_pages
@@ -57,7 +58,11 @@ PRESETS: Final = {"path-traced": ("draft", "standard")}
 RUN_S: Final = {"draft": 120.0, "standard": 240.0}
 FILM_CPU_S: Final = {"study": 72.0, "touching": 360.0, "odd": 360.0, "locks": 360.0}
 """First guesses of how long a run and a film take (docs/notes/odd_plants.md); saved rows replace those of runs."""
-CODE: Final = ("cotton3dg/**/*", "native/CMakeLists.txt", "native/src/*", "native/vision/*")
+MEASURE: Final = (
+    *(f"cotton3dg.{stage}.stage" for stage in STAGES), "cotton3dg.evaluation.plant", "cotton3dg.simulate.render"
+)  # fmt: skip
+"""Modules that film, measure and judge a plant: they and all that they import make the version of a row."""
+CORE: Final = ("native/CMakeLists.txt", "native/src/*", "native/vision/*")
 
 
 @dataclass(frozen=True)
@@ -74,12 +79,23 @@ class Job:
     """Folder with video.mp4 and truth.json, of a path-traced plant."""
 
 
-def present_version(root: Path = ROOT) -> str:
-    """Version of the package, and the first digits of a hash of all its sources and of the core's."""
+def measuring_sources(root: Path = ROOT) -> list[Path]:
+    """Sources and data files that a row depends on: pages, exports and other commands are not among them."""
+    imports = grimp.build_graph("cotton3dg")
+    modules = set(MEASURE).union(*(imports.find_upstream_modules(module) for module in MEASURE))
+    paths = [root / Path(*module.split(".")) for module in modules]
+    files = {file for path in paths for file in (path.with_suffix(".py"), path / "__init__.py") if file.is_file()}
+    rooms = {file.parent for file in files} - {root / "cotton3dg"}
+    data = {file for room in rooms for file in room.iterdir() if file.suffix not in {".py", ".so"}}
+    core = {file for pattern in CORE for file in root.glob(pattern)}
+    return sorted(file for file in files | data | core if file.is_file())
+
+
+def version_of(files: Sequence[Path], root: Path = ROOT) -> str:
+    """Version of the package, and the first digits of a hash of the files."""
     digest = hashlib.sha256()
-    for path in sorted(file for pattern in CODE for file in root.glob(pattern)):
-        if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".so":
-            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    for file in files:
+        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
     return f"{cotton3dg.__version__}-{digest.hexdigest()[:8]}"
 
 
@@ -201,7 +217,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", metavar="PLANT")
     parser.add_argument("--list", action="store_true")
     wanted = parser.parse_args()
-    version, rows = present_version(), read_rows(ACCURACY)
+    version, rows = version_of(measuring_sources()), read_rows(ACCURACY)
     jobs = [
         job for job in all_jobs(wanted.plants) if job.set in wanted.sets and job.plant in (wanted.only or [job.plant])
     ]

@@ -213,12 +213,24 @@ def test_a_plant_is_measured_and_leaves_its_row_alone(tmp_path, monkeypatch):
     assert "| +10.0 % |" in results_page.plants(load() | {"accuracy": results.read_rows(file)})
 
 
-def test_the_version_follows_the_sources(tmp_path):
-    (tmp_path / "cotton3dg").mkdir()
-    module = tmp_path / "cotton3dg" / "a.py"
-    module.write_text("x = 1\n")
-    before = results.present_version(tmp_path)
-    (tmp_path / "cotton3dg" / "core.so").write_text("built")
-    assert results.present_version(tmp_path) == before
-    module.write_text("x = 2\n")
-    assert results.present_version(tmp_path) != before
+def test_a_version_is_of_the_sources_that_a_row_depends_on():
+    names = {file.relative_to(results.ROOT).as_posix() for file in results.measuring_sources()}
+    for needed in (
+        "cotton3dg/cluster/stage.py", "cotton3dg/cluster/same_boll.toml", "cotton3dg/masks/bolls.onnx",
+        "cotton3dg/gaussians/rasterizer.py", "cotton3dg/evaluation/match.py", "cotton3dg/simulate/organs.py",
+        "native/src/train.cpp", "cotton3dg/train/effects/__init__.py",
+    ):  # fmt: skip
+        assert needed in names
+    rooms = {name.split("/")[1] for name in names}
+    assert not rooms & {"report", "commands", "cli", "field"}
+
+
+def test_a_version_follows_the_bytes_and_the_names(tmp_path):
+    file = tmp_path / "a.py"
+    file.write_text("x = 1\n")
+    before = results.version_of([file], tmp_path)
+    assert results.version_of([file], tmp_path) == before
+    file.write_text("x = 2\n")
+    assert results.version_of([file], tmp_path) != before
+    file.write_text("x = 1\n")
+    assert results.version_of([file.rename(tmp_path / "b.py")], tmp_path) != before

@@ -25,7 +25,7 @@ from .options import STAGE_OPTIONS
 from .report.facts import read_facts
 from .report.index import SHOWN
 from .report.pictures import Pictures
-from .report.verdicts import interval_of
+from .report.verdicts import interval_of, rounded
 from .stage import STAGES
 from .workspace import Workspace
 
@@ -178,7 +178,7 @@ def _asked(by: str, preset: str | None, reset: bool, options: Mapping[str, Any])
 
 def _with_interval(row: Mapping[str, Any], trait: str, digits: int) -> str:
     """`73.8 (73.1 to 74.5)`; without the interval where that is a point or not known, a dash without a value."""
-    value, low, high = (f"{number:.{digits}f}" if math.isfinite(number) else "" for number in interval_of(row, trait))
+    value, low, high = (rounded(number, digits) if math.isfinite(number) else "" for number in interval_of(row, trait))
     return f"{value} ({low} to {high})" if low != high else value or "–"
 
 

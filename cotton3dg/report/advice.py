@@ -4,18 +4,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final
 
 import numpy as np
 
-from ..io.tables import flags_of
+from ..core.measurements import is_counted
+from ..io.tables import flags_of, parse_number
 from ..schemas.check import GREEN, VERDICTS, YELLOW, Finding
 from ..schemas.frames import FramesInfo
 from ..schemas.sfm import LensDecision
 from ..schemas.train import ExposureDecision, MotionBlurFound, RollingShutterFound
 from ..train.effects.exposure import ALIKE
+from ..traits.error_model import find_touching, nearest_neighbours
 from .facts import Facts
 from .verdicts import WELL_LIT, of_distance, of_framing, of_light, of_placed, of_scale, of_sharpness, of_walk
 
@@ -245,6 +248,15 @@ BOLL_FLAGS: Final = {
 }
 
 
+FLAG_OF_BOLLS: Final[Mapping[str, Callable[[Mapping[str, str]], bool]]] = {
+    "doubtful_bolls": lambda row: bool(flags_of(row)) and is_counted(flags_of(row)),
+    "bolls_without_volume": lambda row: math.isnan(parse_number(row.get("volume_cm3"))),
+    "bolls_off_plant": lambda row: not is_counted(flags_of(row)),
+}
+"""Flag of a plant -> whether it is about a boll."""
+MOST_NAMED: Final = 8
+
+
 def meaning(flag: str) -> Meaning:
     """A flag in words; an unknown flag keeps its own name."""
     return FLAGS.get(flag) or Meaning(flag.replace("_", " "), "", "See the remarks of the stages below.")
@@ -253,6 +265,29 @@ def meaning(flag: str) -> Meaning:
 def boll_doubts(row: Mapping[str, str]) -> str:
     """The flags of a boll in words."""
     return "; ".join(BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in flags_of(row))
+
+
+def flagged_bolls(facts: Facts, flag: str) -> str:
+    """The bolls that a flag of the plant is about, as `boll 3, boll 7` or `bolls 3 and 7`; the first `MOST_NAMED`."""
+    if flag == "touching_bolls":
+        found = [f"bolls {first} and {second}" for first, second in _touching_pairs(facts.bolls)]
+    elif concerned := FLAG_OF_BOLLS.get(flag):
+        found = [f"boll {row['boll_id']}" for row in facts.bolls if concerned(row)]
+    else:
+        return ""
+    more = f" and {len(found) - MOST_NAMED} more" if len(found) > MOST_NAMED else ""
+    return ", ".join(found[:MOST_NAMED]) + more
+
+
+def _touching_pairs(rows: Sequence[Mapping[str, str]]) -> list[tuple[str, str]]:
+    """Numbers of bolls that may touch each other, those that lie deepest in each other first."""
+    counted = [row for row in rows if is_counted(flags_of(row))]
+    places = np.array([[parse_number(row.get(f"{axis}_cm")) for axis in "xyz"] for row in counted]).reshape(-1, 3)
+    widths = np.array([parse_number(row.get("diameter_cm")) for row in counted])
+    pairs = np.array(list(combinations(range(len(counted)), 2)), np.int64).reshape(-1, 2)
+    away = np.array([nearest_neighbours(places[pair], widths[pair])[0] for pair in pairs])
+    touching = pairs[np.argsort(away, kind="stable")][: int(find_touching(away).sum())]
+    return [(counted[i]["boll_id"], counted[j]["boll_id"]) for i, j in touching]
 
 
 def advise_on_capture(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Finding]:

@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from ..core.runs import State
 from ..errors import BadInput, Cotton3dgError
 from ..io.tables import read_rows
+from ..option_rules import as_dict
+from ..options import PRESET_VALUES, PRESETS, resolve
 from ..schemas.corrections import Corrections
 from ..schemas.document import Document
 from ..schemas.frames import FramesInfo
@@ -31,6 +34,8 @@ class Facts:
     stages: tuple[StageState, ...]
     failure: str
     """Why there is no result, as `what is wrong; what to do`; empty when all stages are done."""
+    preset: str
+    """The preset of the last run; `standard` too where other options were chosen."""
     traits: dict[str, str]
     """The plant's row of traits.csv; empty when there is none."""
     bolls: list[dict[str, str]]
@@ -78,6 +83,7 @@ def read_facts(workspace: Workspace) -> Facts:
         plant_id=plant_id or workspace.plant_id,
         stages=stages,
         failure=_failure(workspace, stages),
+        preset=preset_of({item.stage: item.record.options for item in stages if item.record}),
         traits=traits[0] if traits else {},
         bolls=_read_rows(workspace.bolls_csv) if "traits" in done else [],
         columns={row.get("column", ""): row.get("description", "") for row in _read_rows(workspace.columns_csv)},
@@ -89,6 +95,22 @@ def read_facts(workspace: Workspace) -> Facts:
         skeleton=when_done("traits", SkeletonInfo, workspace.skeleton_json),
         corrections=when_done("traits", Corrections, workspace.corrections_json),
     )
+
+
+def preset_of(made: Mapping[str, Mapping[str, Any]]) -> str:
+    """The preset with all of its values in the recorded options of stages; of several, the one that sets most."""
+
+    def sets(preset: str) -> list[tuple[str, str, Any]]:
+        return [
+            (stage, name, value)
+            for stage, values in PRESET_VALUES[preset].items()
+            for name, value in as_dict(resolve(stage, values)).items() - as_dict(resolve(stage)).items()
+        ]
+
+    def holds(preset: str) -> bool:
+        return all(made.get(stage, {}).get(name) == value for stage, name, value in sets(preset))
+
+    return max(filter(holds, PRESETS), key=lambda preset: len(sets(preset)))
 
 
 def _failure(workspace: Workspace, stages: tuple[StageState, ...]) -> str:

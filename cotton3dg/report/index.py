@@ -22,7 +22,7 @@ from ..workspace import Workspace
 from .checklist import to_film
 from .figures import jpeg_uri
 from .page import TEMPLATES, fill_template
-from .verdicts import SURENESS, USUAL_PCT, interval_of, of_row, sureness_of
+from .verdicts import SURENESS, USUAL_PCT, interval_of, of_row, rounded, sureness_of
 
 SHOWN: Final = {
     "boll_count": ("Bolls", "", 0),
@@ -159,7 +159,7 @@ def interval_text(row: Mapping[str, Any], trait: str) -> str:
     """`12 to 14`; empty where the trait has no interval."""
     _, low, high = interval_of(row, trait)
     digits = SHOWN[trait][2]
-    return f"{low:.{digits}f} to {high:.{digits}f}" if np.isfinite(low + high) else ""
+    return f"{rounded(low, digits)} to {rounded(high, digits)}" if np.isfinite(low + high) else ""
 
 
 def _count_doubtful(plant: Path) -> int:

@@ -28,7 +28,7 @@ from ..workspace import VIDEO_SUFFIXES, Workspace
 from .facts import read_facts
 from .index import SHOWN, interval_text
 from .page import MARKED_BYTES, TEMPLATES, fill_template, give_verdict
-from .verdicts import SURENESS, sureness_of
+from .verdicts import SURENESS, rounded, sureness_of
 
 CLOSED: Final = b"default-src 'none';"
 OPENED: Final = CLOSED + b" connect-src 'self';"
@@ -126,7 +126,7 @@ def _describe(root: Path, _changed: tuple[int, ...]) -> dict[str, Any]:
 
 def _shown(row: dict[str, str], trait: str) -> str:
     value = parse_number(row.get(trait))
-    return "" if math.isnan(value) else f"{value:.{SHOWN[trait][2]}f}"
+    return "" if math.isnan(value) else rounded(value, SHOWN[trait][2])
 
 
 def _last_check(workspace: Workspace) -> CheckInfo | None:

@@ -13,6 +13,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -23,20 +24,21 @@ from ..errors import BadInput, Cotton3dgError
 from ..io.saving import explain_disk_errors, file_sha256, write_text_atomically
 from ..io.skeleton import draw_map
 from ..io.tables import flags_of, parse_number
+from ..options import STANDARD
 from ..schemas.check import GREEN, RED
 from ..schemas.document import Document
 from ..stage import STAGES
 from ..workspace import Workspace
-from .advice import advise_on_capture, boll_doubts, meaning
+from .advice import advise_on_capture, boll_doubts, flagged_bolls, meaning
 from .facts import Facts, read_facts
 from .pictures import Pictures
 from .pointing import describe_photos
-from .verdicts import SURENESS, interval_of, of_row, sureness_of
+from .verdicts import SURENESS, interval_of, of_row, rounded, sureness_of
 
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-VERSION: Final = 8
+VERSION: Final = 9
 RECORD: Final = "report"
 TEMPLATES: Final = Path(__file__).with_name("templates")
 OWN_TITLE: Final = "– cotton3dg</title>".encode()
@@ -134,7 +136,7 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "headline": write_headline(facts),
         "traits": trait_cards(facts),
         "sureness": SURENESS,
-        "flags": [{"name": flag, "words": meaning(flag)} for flag in facts.flags],
+        "flags": [{"name": flag, "words": meaning(flag), "bolls": flagged_bolls(facts, flag)} for flag in facts.flags],
         "counted": part("counted", pictures.counted) or [],
         "plant_maps": part("plant_map", lambda: drawn_maps(pictures)) or [],
         "bolls": part("bolls", lambda: boll_rows(facts, cut_outs)) or [],
@@ -197,7 +199,8 @@ def write_headline(facts: Facts) -> str:
             parts.append(f"{format_figure(video.duration_s)} s, {video.width} × {video.height} px")
     if facts.traits:
         parts.append(f"{facts.traits.get('n_frames')} frames, {facts.traits.get('registered_pct')} % placed")
-        parts.append(f"measured in {format_figure(facts.traits.get('seconds'), 0)} s")
+        preset = "" if facts.preset == STANDARD else f" with {facts.preset}"
+        parts.append(f"measured in {format_figure(facts.traits.get('seconds'), 0)} s{preset}")
     return "; ".join(parts) or "nothing could be read from what was filmed"
 
 
@@ -218,17 +221,19 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
             no_bolls = column == "boll_volume_cm3" and not counted
             why = "no scale" if "no_scale" in facts.flags else "no boll to measure" if no_bolls else "see the flags"
             return {"name": name, "value": "–", "unit": "", "range": "", "sure": "", "note": why}
-        limits = f"{low:.{digits}f} to {high:.{digits}f} {unit}" if math.isfinite(low + high) else ""
-        shown = {"name": name, "value": f"{value:.{digits}f}", "unit": unit, "range": limits}
+        limits = f"{rounded(low, digits)} to {rounded(high, digits)} {unit}" if math.isfinite(low + high) else ""
+        shown = {"name": name, "value": rounded(value, digits), "unit": unit, "range": limits}
         return shown | {"sure": sureness_of(row, column) or "", "note": note}
 
     mean = parse_number(row.get("boll_volume_mean_cm3"))
     solid = [parse_number(boll.get("alpha_volume_cm3")) for boll in counted]
-    volume_note = f"{mean:.1f} cm³ a boll" if math.isfinite(mean) else ""
+    volume_note = f"{rounded(mean, 1)} cm³ a boll" if math.isfinite(mean) else ""
     if solid and math.isfinite(sum(solid)):
         volume_note += f"; {sum(solid):.0f} cm³ without hollows"
     length, width = parse_number(row.get("canopy_length_cm")), parse_number(row.get("canopy_width_cm"))
-    canopy_note = f"{length:.1f} × {width:.1f} cm seen from above" if math.isfinite(length + width) else ""
+    canopy_note = (
+        f"{rounded(length, 1)} × {rounded(width, 1)} cm seen from above" if math.isfinite(length + width) else ""
+    )
     low, high = (row.get(f"boll_count_{end}", "") for end in ("low", "high"))
     count_range = f"{low} to {high}" if low != high else ""
     count_notes = [f"{doubtful} of them doubtful" if doubtful else "none doubtful"] if counted else []
@@ -305,7 +310,7 @@ def stage_rows(facts: Facts) -> list[dict[str, Any]]:
 def format_figure(value: Any, digits: int = 1) -> str:
     """A number for people; a dash where there is none."""
     known = parse_number(value)
-    return f"{known:,.{digits}f}".replace(",", "\u202f") if math.isfinite(known) else "–"
+    return f"{Decimal(rounded(known, digits)):,}".replace(",", "\u202f") if math.isfinite(known) else "–"
 
 
 def _format_summary(summary: dict[str, Any]) -> str:

@@ -8,6 +8,7 @@ usual. Red has no result. The limits are the ones at which the stages set their 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from decimal import ROUND_HALF_UP, Decimal
 from typing import Final
 
 import numpy as np
@@ -181,3 +182,11 @@ def interval_of(traits: Mapping[str, object], column: str) -> tuple[float, float
     name, unit, power = column.partition("_cm")
     low, high = (parse_number(traits.get(f"{name}_{end}{unit}{power}")) for end in ("low", "high"))
     return parse_number(traits.get(column)), low, high
+
+
+def rounded(value: float, digits: int) -> str:
+    """A finite number as pages show it, with halves away from zero: 37.15 becomes 37.2.
+
+    People round the decimals of a table as they are written; the binary 37.15 is a little less and would become 37.1.
+    """
+    return str(Decimal(repr(float(value))).quantize(Decimal(1).scaleb(-digits), ROUND_HALF_UP))

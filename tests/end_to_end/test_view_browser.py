@@ -17,6 +17,7 @@ ANSWER_S = 600
 """A busy machine must not fail what works."""
 BOLLS = "[...document.querySelectorAll('tr[data-boll]')].map(row => row.dataset.boll).join(' ')"
 NOTE = "document.querySelector('#mending p').textContent"
+AXES = "document.getElementById('scene').view().axes.flat().join(' ')"
 CHOOSES = """(() => {
     const chosen = new DataTransfer();
     chosen.items.add(new File(["film"], "My walk.mp4"));
@@ -41,9 +42,17 @@ def test_two_clicks_mend_a_boll_and_two_take_it_back(reported_copy, tmp_path):
         browser.wait(f"document.readyState === 'complete' && {BOLLS} === '1 2 3 4'", ANSWER_S)
         browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", ANSWER_S)
         assert browser.value("document.getElementById('mending').hidden")
+        browser.click(*browser.middle("[data-eye=front]"))
+        turned = browser.value(AXES)
+        browser.value("addEventListener('pagehide', () => { sessionStorage.inert = document.body.inert; })")
         browser.click(*browser.middle("tr[data-boll='3'] th button"))
+        assert browser.value("document.querySelector('tr.chosen .cuts img').width") == 80
         browser.click(*browser.middle("tr[data-boll='4'] [data-mend=merge]"))
         measured(browser, "1 2 3", "Bolls: 4 → 3")
+        # A click on the page that goes would be lost. The one that comes shows the plant as it was turned.
+        assert browser.value("sessionStorage.inert") == "true" and not browser.value("document.body.inert")
+        browser.wait("document.getElementById('scene').dataset.drawn === 'yes'", ANSWER_S)
+        assert browser.value(AXES) == turned
         assert browser.value("document.querySelector('.cards b').textContent.trim()") == "3"
         assert browser.value("document.getElementById('save').hidden")
         browser.click(*browser.middle("tr[data-boll='1'] [data-mend=delete]"))

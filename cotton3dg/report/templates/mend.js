@@ -19,13 +19,19 @@ const corrections = (() => {
     for (const listener of listeners) listener(items);
   }
 
-  // One after the other; then the page is read anew, with what was measured.
+  // One after the other; then the page is read anew, with what was measured, and until it is there nothing can be
+  // pressed: a click on a page that goes would be lost.
   function tell(what, said) {
     left += 1;
     note.textContent = "The plant is measured anew …";
     const sent = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(said) };
     turn = turn.then(() => fetch(what, sent)).then(
-      () => { left -= 1; if (!left) location.reload(); },
+      () => {
+        left -= 1;
+        if (left) return;
+        document.body.inert = true;
+        location.reload();
+      },
       () => { note.textContent = "There is no answer: cotton3dg view has ended. Start it again, and open its new address."; });
   }
 

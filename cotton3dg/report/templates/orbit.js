@@ -29,6 +29,13 @@ const orbiting = (() => {
       changed();
     }
 
+    // What view() is computed from, so that a page that is read anew can show the plant as it was.
+    const pose = () => ({ yaw, pitch, far, at });
+    function take(former) {
+      ({ yaw, pitch, far, at } = former);
+      changed();
+    }
+
     function turn(right, up) {
       yaw -= right;
       pitch = clamp(pitch + up, LOWEST, HIGHEST);
@@ -133,7 +140,7 @@ const orbiting = (() => {
       act();
     });
 
-    return { face, view, place, dragged: () => dragged };
+    return { face, view, place, pose, take, dragged: () => dragged };
   }
 
   return { orbit };

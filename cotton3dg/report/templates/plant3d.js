@@ -185,7 +185,17 @@
     new ResizeObserver(later).observe(element);
     canvas.addEventListener("webglcontextrestored", later);
     orbit.face("side");
+    remember(orbit);
     Object.assign(element, { where: place => projector(orbit.view())(place), view: orbit.view });
+  }
+
+  // After a correction the page is read anew: the plant stays as it was turned.
+  function remember(orbit) {
+    if (!("view" in document.documentElement.dataset)) return;
+    const key = `pose of ${location.pathname}`;
+    const former = sessionStorage.getItem(key);
+    if (former) orbit.take(JSON.parse(former));
+    window.addEventListener("pagehide", () => sessionStorage.setItem(key, JSON.stringify(orbit.pose())));
   }
 
   // Bolls in the colours of their rows, as light and dark as they were filmed.

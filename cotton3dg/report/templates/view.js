@@ -74,7 +74,8 @@
     row.cells[0].replaceChildren(has("report.html") ? link(found.plant, "report.html", found.plant) : found.plant);
     const busy = found.busy || found.state === "working";
     const last = found.job && !found.job.includes(found.text) ? `${found.text}; ${found.job}` : found.text;
-    const words = `${busy ? "working" : found.state}: ${(busy && found.job) || last}`;
+    // A stage at work is known by the run's own log; what else a job says, it says before and after.
+    const words = busy ? `working: ${found.state === "working" ? found.text : found.job || found.text}` : `${found.state}: ${last}`;
     row.cells[1].replaceChildren(make("span", { className: found.verdict, textContent: words }));
     traits.forEach((name, n) => row.cells[2 + n].replaceChildren(...trait(found, name)));
     if (found.check && has("check/check.html")) {

@@ -5,10 +5,14 @@ from dataclasses import replace
 
 import pytest
 
-from cotton3dg.report.facts import Facts
-from cotton3dg.report.page import give_verdict, trait_cards
-from cotton3dg.report.verdicts import find_unsure, of_row
+from cotton3dg.option_rules import as_dict
+from cotton3dg.options import PRESET_VALUES, PRESETS, resolve
+from cotton3dg.report.advice import flagged_bolls
+from cotton3dg.report.facts import Facts, preset_of
+from cotton3dg.report.page import format_figure, give_verdict, trait_cards, write_headline
+from cotton3dg.report.verdicts import find_unsure, of_row, rounded
 from cotton3dg.schemas.scale import ScaleInfo
+from cotton3dg.stage import STAGES
 
 SURE = {
     "boll_count": "14", "boll_count_low": "13", "boll_count_high": "15",
@@ -19,7 +23,7 @@ SURE = {
 
 
 def facts(**cells: str) -> Facts:
-    return Facts("plant_017", (), "", {**SURE, **cells}, [], {}, None, None, None, None, None, None, None)
+    return Facts("plant_017", (), "", "standard", {**SURE, **cells}, [], {}, None, None, None, None, None, None, None)
 
 
 def verdict(**cells: str) -> dict[str, str]:
@@ -107,3 +111,48 @@ def test_flags_and_doubtful_bolls_make_a_row_yellow() -> None:
     assert of_row(["orbit_gap"], 3, SURE) == ("yellow", "Look before you use it: 1 quality flag")
     assert of_row([], 2, SURE) == ("yellow", "Good, but look at 2 doubtful bolls")
     assert of_row(["no_bolls"], 0, SURE) == ("yellow", "No bolls were found")
+
+
+def test_numbers_are_rounded_as_they_are_written() -> None:
+    """The binary 37.15 is a little less, and Python's own rounding makes 37.1 of it."""
+    assert [rounded(37.15, 1), rounded(2.675, 2), rounded(0.5, 0), rounded(-0.25, 1)] == ["37.2", "2.68", "1", "-0.3"]
+    assert trait_cards(facts(canopy_size_cm="37.15"))[3]["value"] == "37.2"
+    assert format_figure("1234567.25") == "1\u202f234\u202f567.3"
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_preset_is_known_by_what_the_stages_recorded(preset: str) -> None:
+    made = {stage: as_dict(resolve(stage, values)) for stage, values in values_of(preset).items()}
+    assert preset_of(made) == preset
+    if preset == "draft":
+        made["train"]["steps"] += 1
+        assert preset_of(made) == "standard"
+
+
+def values_of(preset: str) -> dict[str, dict[str, object]]:
+    return {stage: PRESET_VALUES[preset].get(stage, {}) for stage in STAGES}
+
+
+def test_the_headline_names_a_preset_that_is_not_the_usual_one() -> None:
+    assert write_headline(facts(seconds="60")).endswith("measured in 60 s")
+    assert write_headline(replace(facts(seconds="60"), preset="draft")).endswith("measured in 60 s with draft")
+
+
+def test_flags_about_bolls_name_them() -> None:
+    places = {"1": 0.0, "2": 3.9, "3": 7.3, "4": 30.0}
+    bolls = [
+        {"boll_id": n, "x_cm": str(x), "y_cm": "0", "z_cm": "0", "diameter_cm": "4", "qc_flags": "", "volume_cm3": "30"}
+        for n, x in places.items()
+    ]
+    plant = replace(facts(), bolls=bolls)
+    assert flagged_bolls(plant, "touching_bolls") == "bolls 2 and 3, bolls 1 and 2"
+    assert flagged_bolls(plant, "doubtful_bolls") == flagged_bolls(plant, "orbit_gap") == ""
+    bolls[1] |= {"qc_flags": "off_plant"}
+    bolls[3] |= {"qc_flags": "flat_points", "volume_cm3": ""}
+    assert flagged_bolls(plant, "touching_bolls") == ""
+    assert flagged_bolls(plant, "bolls_off_plant") == "boll 2"
+    assert flagged_bolls(plant, "doubtful_bolls") == flagged_bolls(plant, "bolls_without_volume") == "boll 4"
+    assert flagged_bolls(
+        replace(plant, bolls=[bolls[3] | {"boll_id": str(n)} for n in range(11)]), "doubtful_bolls"
+    ).endswith("boll 7 and 3 more")
+    assert flagged_bolls(replace(plant, bolls=[]), "touching_bolls") == ""

@@ -18,13 +18,6 @@ ANSWER_S = 600
 BOLLS = "[...document.querySelectorAll('tr[data-boll]')].map(row => row.dataset.boll).join(' ')"
 NOTE = "document.querySelector('#mending p').textContent"
 AXES = "document.getElementById('scene').view().axes.flat().join(' ')"
-CHOOSES = """(() => {
-    const chosen = new DataTransfer();
-    chosen.items.add(new File(["film"], "My walk.mp4"));
-    document.getElementById("film").files = chosen.files;
-    document.getElementById("plant").value = "plant_018";
-})()"""
-"""What the browser's own window for files would do."""
 
 
 def measured(browser, bolls, note):
@@ -91,7 +84,9 @@ def test_a_film_is_added_and_checked_without_a_shell(reported, tmp_path):
         browser.open(page.server.address)
         browser.downloads_to(tmp_path / "downloads")
         browser.wait("document.querySelectorAll('#plants tr').length === 1", ANSWER_S)
-        browser.value(CHOOSES)
+        (tmp_path / "My walk.mp4").write_text("film")
+        browser.drop(tmp_path / "My walk.mp4", *browser.middle("#plants"))
+        browser.write("plant_018")
         browser.click(*browser.middle("#add button"))
         browser.wait("document.querySelectorAll('#plants tr').length === 2", ANSWER_S)
         assert "plant_018 is there" in browser.value("document.getElementById('message').textContent")

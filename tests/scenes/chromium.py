@@ -149,6 +149,16 @@ class Browser:
         self.press(x, y)
         self.release(x, y)
 
+    def drop(self, file: Path, x: float, y: float) -> None:
+        """A file that is dragged over the page and let go there."""
+        data = {"items": [], "files": [str(file.resolve())], "dragOperationsMask": 1}
+        for kind in ("dragEnter", "dragOver", "drop"):
+            self._ask("Input.dispatchDragEvent", type=kind, x=x, y=y, data=data)
+
+    def write(self, text: str) -> None:
+        """Type a text into what has the focus."""
+        self._ask("Input.insertText", text=text)
+
     def key(self, name: str) -> None:
         codes = {"Enter": 13, "Escape": 27, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Tab": 9}
         text = {"text": "\r"} if name == "Enter" else {}

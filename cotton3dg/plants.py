@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -11,7 +12,7 @@ from typing import Final
 
 from .errors import BadInput, BadUsage, Cotton3dgError, MissingInput
 from .io.listing import folders_in, is_litter, is_there
-from .io.saving import explain_disk_errors, fingerprint, link
+from .io.saving import explain_disk_errors, fingerprint, link, write_text_atomically
 from .options import STAGE_OPTIONS
 from .workspace import OWN_FOLDERS, OWN_NAMES, OWNER_MARK, VIDEO_SUFFIXES, Workspace
 
@@ -53,6 +54,13 @@ def is_plant(workspace: Workspace) -> bool:
     except Cotton3dgError:
         pass  # its run will explain
     return True
+
+
+def keep_plant_id(workspace: Workspace, plant_id: str) -> None:
+    """Write the plant's id into its options, where the name of its folder is another and no options are there."""
+    if workspace.root.name != plant_id and not workspace.options_file.exists():
+        name = json.dumps(plant_id, ensure_ascii=False)
+        write_text_atomically(workspace.options_file, f"[traits]\nplant_id = {name}\n")
 
 
 def has_results(workspace: Workspace) -> bool:

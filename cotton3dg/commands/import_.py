@@ -7,7 +7,6 @@ a correction of the field book. It never guesses and never replaces a file: it r
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from collections import Counter
@@ -38,7 +37,7 @@ from ..io.saving import (
     write_text_atomically,
 )
 from ..io.tables import csv_text, read_rows, refuse_other_table
-from ..plants import has_results
+from ..plants import has_results, keep_plant_id
 from ..schemas.batch import ReadVideo, ReadVideos
 from ..workspace import VIDEO_SUFFIXES, Workspace
 
@@ -325,8 +324,7 @@ def _place(path: Path, row: Row, asked: Import) -> Row:
             shutil.rmtree(partial, ignore_errors=True)
             partial.mkdir(parents=True)
             if folder.name != row.plant_id:
-                name = json.dumps(row.plant_id, ensure_ascii=False)
-                write_text_atomically(Workspace(partial).options_file, f"[traits]\nplant_id = {name}\n")
+                keep_plant_id(Workspace(partial), row.plant_id)
             _take(path, partial / path.name, asked.how)
             partial.rename(folder)
             if asked.how == "move":

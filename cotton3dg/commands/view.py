@@ -25,13 +25,14 @@ from queue import SimpleQueue
 from typing import Any, Final
 from urllib.parse import quote
 
+from ..choices import choose
 from ..errors import DOUBTFUL, BadInput, BadUsage, CaptureFailed, Cotton3dgError, unknown
 from ..identity.names import folder_name, id_problem
 from ..io.local_server import HTML, Answer, LocalServer, Refused, Request, as_json
 from ..io.saving import explain_disk_errors, full_disk, replacing
-from ..io.tables import parse_number
+from ..io.tables import parse_number, read_rows
 from ..options import PRESETS
-from ..plants import has_results, is_plant, plants_in, refuse_plant
+from ..plants import has_results, is_plant, keep_plant_id, plants_in, refuse_plant
 from ..report.live import describe, opened, view_page
 from ..report.page import is_stale, make_report
 from ..workspace import VIDEO_SUFFIXES, Workspace
@@ -197,7 +198,8 @@ class Desk:
         for name, workspace in self.plants().items():
             pages = [page for page in OF_PLANT if (workspace.root / page).is_file()]
             job = {"busy": name in self._jobs.asked, "job": self._jobs.lines.get(name, "")}
-            plants.append({"plant": name, "pages": pages} | job | describe(workspace))
+            shown = "/".join([*name.split("/")[:-1], _id_of(workspace)])
+            plants.append({"plant": name, "shown": shown, "pages": pages} | job | describe(workspace))
         return {"plants": plants, "pages": [page for page in OF_FIELD if (self.root / page).is_file()]}
 
     def _renew(self, workspace: Workspace) -> None:
@@ -257,6 +259,7 @@ class Desk:
                 if shutil.disk_usage(self.root).free < request.left:
                     raise full_disk(self.root)
                 folder.mkdir(exist_ok=True)
+                keep_plant_id(Workspace(folder), plant)
                 film = Path(file)
                 with replacing(folder / f"{folder_name(film.stem)}{film.suffix}") as partial, partial.open("wb") as out:
                     for chunk in request.chunks():
@@ -320,6 +323,15 @@ class _Jobs:
                 if line.strip():
                     self.lines[plant] = line.strip()
         return self._process.returncode
+
+
+def _id_of(workspace: Workspace) -> str:
+    """The plant's id: as its row has it, or as the next run will name it."""
+    with suppress(Cotton3dgError, LookupError):
+        return read_rows(workspace.traits_csv)[0]["plant_id"]
+    with suppress(Cotton3dgError):
+        return str(choose(workspace).options["traits"].plant_id) or workspace.plant_id
+    return workspace.plant_id
 
 
 def _page(content: bytes, depth: int) -> Answer:

@@ -21,6 +21,7 @@ from scenes.viewed import viewed
 from typer.testing import CliRunner
 
 from cotton3dg.batch import save_tables
+from cotton3dg.choices import choose
 from cotton3dg.cli.app import app
 from cotton3dg.commands import view as module
 from cotton3dg.commands.correct import Asked, correct
@@ -117,6 +118,7 @@ def test_a_report_of_another_version_is_made_anew_and_one_of_somebody_else_may_a
 def test_nothing_but_the_pages_and_tables_of_the_folder_is_shown(field, page_of):
     page = page_of(field)
     assert [plant["plant"] for plant in page.json("state")["plants"]] == ["plant_018", "row 1/plant_017"]
+    assert [plant["shown"] for plant in page.json("state")["plants"]] == ["plant_018", "row 1/plant_017"]
     at = quote("row 1/plant_017")
     assert page.gets(f"{at}/report.html")[0] == HTTPStatus.OK
     status, headers, content = page.gets(f"{at}/traits/bolls.csv")
@@ -264,6 +266,20 @@ def test_a_film_in_an_empty_folder_begins_a_field(tmp_path, page_of):
     assert page.json("state") == {"plants": [], "pages": []} and b'id="film"' in page.gets("")[2]
     assert page.posts("plant_1/walk.mp4", b"film", **{"Content-Type": BYTES})[0] == HTTPStatus.OK
     assert [plant["plant"] for plant in page.json("state")["plants"]] == ["plant_1"]
+
+
+def test_a_name_that_no_folder_can_have_stays_the_plants_id(tmp_path, page_of):
+    page = page_of(tmp_path)
+    status, answer = page.posts("plot%2012%3F/walk.mp4", b"film", **{"Content-Type": BYTES})
+    assert status == HTTPStatus.OK and answer["plant"].startswith("plot_12_")
+    (state,) = page.json("state")["plants"]
+    assert (state["plant"], state["shown"]) == (answer["plant"], "plot 12?")
+    assert choose(Workspace(tmp_path / answer["plant"])).options["traits"].plant_id == "plot 12?"
+    # Options that are there already stay as they are.
+    (tmp_path / "plot_13").mkdir()
+    (tmp_path / "plot_13" / "cotton3dg.toml").write_text('preset = "draft"\n')
+    assert page.posts("plot_13/walk.mp4", b"film", **{"Content-Type": BYTES})[0] == HTTPStatus.OK
+    assert (tmp_path / "plot_13" / "cotton3dg.toml").read_text() == 'preset = "draft"\n'
 
 
 def test_the_command_serves_until_it_is_interrupted(reported_copy):

@@ -71,7 +71,7 @@
   function fill(found) {
     const row = rowOf(found.plant);
     const has = page => found.pages.includes(page);
-    row.cells[0].replaceChildren(has("report.html") ? link(found.plant, "report.html", found.plant) : found.plant);
+    row.cells[0].replaceChildren(has("report.html") ? link(found.plant, "report.html", found.shown) : found.shown);
     const busy = found.busy || found.state === "working";
     const last = found.job && !found.job.includes(found.text) ? `${found.text}; ${found.job}` : found.text;
     // A stage at work is known by the run's own log; what else a job says, it says before and after.
@@ -113,9 +113,9 @@
     const name = plant.value.trim();
     if (/[/\\]/.test(name)) throw new Error("Name the plant without / and \\: its folder gets this name.");
     say("The film is copied …");
-    const added = await ask(path(name, film.files[0].name), film.files[0], "application/octet-stream");
+    await ask(path(name, film.files[0].name), film.files[0], "application/octet-stream");
     form.reset();
-    say(`${added.plant} is there. Check its film, or measure it.`);
+    say(`${name} is there. Check its film, or measure it.`);
   }));
   for (const name of ["dragover", "drop"]) {
     document.addEventListener(name, event => {

@@ -36,7 +36,8 @@ OPENED: Final = CLOSED + b" connect-src 'self';"
 PAGE: Final = b'<html lang="en">'
 MARKED: Final = b'<html lang="en" data-view>'
 """A page that knows that `view` shows it."""
-BODY: Final = b"<body>"
+BEGIN: Final = re.compile(rb'<body>\s*(?:<a class="skip"[^>]*>[^<]*</a>)?')
+"""Where a page's content begins; a link that skips it stays the first."""
 BACK: Final = b'<nav class="back" aria-label="Back"><a href="%b">Back to the table</a></nav>'
 SANDBOX: Final = "sandbox allow-scripts allow-downloads allow-modals; frame-ancestors 'none'"
 """Policy for any other page: its scripts run as if it had come from elsewhere, and the server refuses what they ask."""
@@ -73,7 +74,8 @@ def opened(page: bytes, depth: int) -> tuple[bytes, str]:
     """
     head = page[:MARKED_BYTES]
     if depth:
-        page = page.replace(BODY, BODY + BACK % (b"../" * (depth - 1) or b"./"), 1)
+        back = BACK % (b"../" * (depth - 1) or b"./")
+        page = BEGIN.sub(lambda begin: begin[0] + back, page, count=1)
     if not any(script.encode() in head for script in _asking()):
         return page, SANDBOX
     policy = f"script-src {' '.join(_own_scripts())}; connect-src 'self'; base-uri 'none'; frame-ancestors 'none'"

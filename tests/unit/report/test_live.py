@@ -48,3 +48,7 @@ def test_a_page_leads_back_to_the_first_one(depth: int, href: str | None) -> Non
     page, _ = opened(b"<html><body><h1>plant</h1></body>", depth)
     assert (f'<a href="{href}">Back to the table</a>'.encode() in page) == (href is not None)
     assert page.endswith(b"<h1>plant</h1></body>")
+    # Who comes by keyboard skips all of it with the first link.
+    skip = b'<body>\n<a class="skip" href="#bolls">To the bolls</a>'
+    page, _ = opened(b"<html>" + skip + b"<h1>plant</h1></body>", depth)
+    assert page.startswith(b"<html>" + skip) and (b"Back" in page) == (href is not None)

@@ -91,10 +91,11 @@ def join_two(a: Part, b: Part) -> Part:
     )
 
 
-def measure_pair(one: Part, other: Part, cm_per_su: float) -> PairMeasures:
-    """The measures of a pair of parts."""
+def measure_pair(one: Part, other: Part, up: Float64, cm_per_su: float) -> PairMeasures:
+    """The measures of a pair of parts; `up` (3,) points upwards in the scene."""
+    apart = one.centre - other.centre
     return PairMeasures(
-        apart_cm=float(np.linalg.norm(one.centre - other.centre)) * cm_per_su,
+        sideways_cm=float(np.linalg.norm(np.cross(apart, up)) / np.linalg.norm(up)) * cm_per_su,
         joined_cm=mean_width(np.concatenate([one.lint, other.lint])) * cm_per_su,
         two_middles=gain_of_two(one, other),
     )

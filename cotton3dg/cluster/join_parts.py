@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from ..core.scene import Float64
 from .boll_parts import Part, join_two, measure_pair
 from .same_boll import PairMeasures
 
@@ -41,18 +42,21 @@ class Joined:
         return self.joins.get(part, 1.0) * apart
 
 
-def join_parts(parts: Mapping[int, Part], cm_per_su: float, likely: Callable[[PairMeasures], float]) -> Joined:
+def join_parts(
+    parts: Mapping[int, Part], up: Float64, cm_per_su: float, likely: Callable[[PairMeasures], float]
+) -> Joined:
     """Join parts while any pair is rather one boll than two.
 
     Args:
         parts: by number.
+        up: (3,) upwards in the scene.
         likely: the probability that two parts are one boll.
     """
     parts, pairs, joins = dict(parts), Pairs(), dict[int, float]()
     changed = set(parts)
     while True:
         pairs = {
-            (a, b): likely(measure_pair(parts[a], parts[b], cm_per_su)) if changed & {a, b} else pairs[a, b]
+            (a, b): likely(measure_pair(parts[a], parts[b], up, cm_per_su)) if changed & {a, b} else pairs[a, b]
             for a, b in find_near_pairs(parts, REACH_CM / cm_per_su)
         }
         best = max(pairs, key=lambda pair: (pairs[pair], pair), default=None)

@@ -63,12 +63,12 @@ def locate_bolls(
     Args:
         maps: of the image of each of `cameras`.
         shares: (N,) share of lint of each Gaussian, 0..1.
-        up: (3,) roughly upwards in the scene; only the numbering depends on it.
+        up: (3,) roughly upwards in the scene.
         cm_per_su: length of a scene unit; None = unknown.
     """
     lint = LintInSpace.of(gaussians, shares)
     votes = on_all_cores(lambda number: cast_votes(maps[number], cameras[number], lint), range(len(maps)))
-    (middles, faint), *halves = separate_all(votes, lint, cm_per_su)
+    (middles, faint), *halves = separate_all(votes, lint, up, cm_per_su)
     owners = average_votes(votes, middles)
     images = on_all_cores(lambda camera: draw_bolls(camera, lint, owners), cameras)
     sums = np.zeros((len(middles.centres), 4))
@@ -96,14 +96,16 @@ def locate_bolls(
     )
 
 
-def separate_all(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> list[Separated]:
+def separate_all(
+    votes: Sequence[Votes], lint: LintInSpace, up: Float64, cm_per_su: float | None = None
+) -> list[Separated]:
     """The bolls by all votes; then, with enough views, those by every second view and those by the others.
 
     The halves show how much a result depends on the choice of images. All use the lint of the whole model."""
     parts = [votes]
     if len(votes) >= FEWEST_TO_HALVE:
         parts += [votes[0::2], votes[1::2]]
-    return on_all_cores(lambda some: separate_bolls(some, lint, cm_per_su), parts)
+    return on_all_cores(lambda some: separate_bolls(some, lint, up, cm_per_su), parts)
 
 
 def _instances(

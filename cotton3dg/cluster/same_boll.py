@@ -21,8 +21,9 @@ SUREST: Final = 1e-6
 class PairMeasures(NamedTuple):
     """Two parts near each other."""
 
-    apart_cm: float
-    """Distance between the places where the votes of each part meet."""
+    sideways_cm: float
+    """Horizontal distance between the places where the votes of each part meet: locks hang below their boll, a
+    neighbour is beside it."""
     joined_cm: float
     """Width of the lint of both together, mean over all directions."""
     two_middles: float

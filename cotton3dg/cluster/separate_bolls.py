@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import Float32
+from ..core.scene import Float32, Float64
 from ..geometry.point_sets import weighted_median
 from .boll_parts import Part, gather_parts
 from .hough_voting import APART, FARTHEST, Middles, Votes, find_faint, find_middles
@@ -47,23 +47,26 @@ class Separated(NamedTuple):
     """Candidates that hardly look like lint."""
 
 
-def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, cm_per_su: float | None = None) -> Separated:
+def separate_bolls(
+    votes: Sequence[Votes], lint: LintInSpace, up: Float64, cm_per_su: float | None = None
+) -> Separated:
     """The bolls of a plant.
 
     Args:
         votes: of each view.
+        up: (3,) upwards in the scene.
         cm_per_su: None = unknown; then the median boll has the size `USUAL_CM`.
     """
     score = read_score()
     parts = gather_parts(find_parts(votes, score.split_gain), votes, lint)
-    bolls = join_bolls(parts, cm_per_su or guess_scale(votes), score)
+    bolls = join_bolls(parts, up, cm_per_su or guess_scale(votes), score)
     faint = find_faint(bolls, votes)
     return Separated(bolls.take(~faint), bolls.take(faint))
 
 
-def join_bolls(parts: Mapping[int, Part], cm_per_su: float, score: Score) -> Bolls:
+def join_bolls(parts: Mapping[int, Part], up: Float64, cm_per_su: float, score: Score) -> Bolls:
     """Join parts that are one boll by the score."""
-    joined = join_parts(parts, cm_per_su, score.probability)
+    joined = join_parts(parts, up, cm_per_su, score.probability)
     rows = sorted(joined.parts, key=lambda row: -joined.parts[row].support)
     found = [joined.parts[row] for row in rows]
     return Bolls(

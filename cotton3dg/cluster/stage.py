@@ -173,7 +173,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE: Final = Stage(
     "cluster",
-    version=13,
+    version=14,
     inputs=inputs,
     run=run,
     cost=_cost,

@@ -70,7 +70,7 @@ UNSEEN = {
     "separate-4": f"--seed 9204 --bolls 15 --boll-kind separate --clustered 0.4 --noise 4 --dark 0.7 {FILM}",
 }
 """Judged only: kinds that the score is not fitted on, and another plant of separate locks."""
-TERMS = {"apart_cm": -1, "joined_cm": -1, "two_middles": -1}
+TERMS = {"sideways_cm": -1, "joined_cm": -1, "two_middles": -1}
 """Measures, and whether more of it speaks for one boll or against."""
 PURE = 0.6
 """Least share of a part's lint that is of one true boll, for the part to teach."""
@@ -135,14 +135,14 @@ def begin(seen: Seen, split_gain: float) -> Begun:
 
 def gather_examples(plant: Begun) -> Iterator[Example]:
     """Pairs as they are met while the parts of true bolls join, the nearest first."""
-    names, cm_per_su = plant.names, plant.cm_per_su
+    names, up, cm_per_su = plant.names, plant.stored.up, plant.cm_per_su
     parts = {row: part for row, part in plant.parts.items() if names[row] > 0}
     changed = set(parts)
     while True:
         near = find_near_pairs(parts, REACH_CM / cm_per_su)
         for a, b in near:
             if changed & {a, b}:
-                yield join_parts.measure_pair(parts[a], parts[b], cm_per_su), names[a] == names[b]
+                yield join_parts.measure_pair(parts[a], parts[b], up, cm_per_su), names[a] == names[b]
         same = [(a, b) for a, b in near if names[a] == names[b]]
         if not same:
             return
@@ -192,7 +192,7 @@ def is_thing(shares: np.ndarray) -> np.ndarray:
 
 def judge(plant: Begun, score: Score) -> dict[str, float]:
     """What a score makes of a plant."""
-    found, similarity = join_bolls(plant.parts, plant.cm_per_su, score), plant.stored.cm_from_scene
+    found, similarity = join_bolls(plant.parts, plant.stored.up, plant.cm_per_su, score), plant.stored.cm_from_scene
     centres = found.centres[~is_thing(hold_true(plant, found))] @ similarity[:, :3].T + similarity[:, 3]
     right = len(match_bolls(centres, plant.stored.true_cm, MATCH_DISTANCE_CM))
     bolls = len(plant.stored.true_cm)
@@ -202,7 +202,7 @@ def judge(plant: Begun, score: Score) -> dict[str, float]:
 def outcomes(plant: Begun, score: Score) -> Iterator[tuple[float, int]]:
     """Of each boll that a score makes: the probability that it is one, and how many true bolls have most of their lint
     in it. None has where it is a part of a boll."""
-    found = join_bolls(plant.parts, plant.cm_per_su, score)
+    found = join_bolls(plant.parts, plant.stored.up, plant.cm_per_su, score)
     shares = hold_true(plant, found)
     for stated, mine in zip(found.one_boll[~is_thing(shares)], shares[~is_thing(shares), 1:], strict=True):
         yield float(stated), int((mine > 0.5).sum())

@@ -8,6 +8,7 @@ A plant is a folder where `cotton3dg masks` and `cotton3dg scale` are through, w
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,11 @@ class StoredVotes:
     """(B, 3) centres of the true bolls in the true world."""
     cm_from_scene: NDArray[np.float64]
     """(3, 4)."""
+
+    @cached_property
+    def up(self) -> NDArray[np.float64]:
+        """(3,) upwards in the scene."""
+        return self.cm_from_scene[2, :3]
 
 
 def open_votes(plant: TruePlant, folder: Path) -> StoredVotes:

@@ -63,10 +63,10 @@ def test_either_half_of_the_views_counts_what_it_sees():
         [cast_votes(view, camera, lint) for view, camera in zip(maps, cameras(), strict=True)]
         for maps in (whole, blind)
     )
-    n = len(separate_bolls(sharp, lint).bolls.centres)
+    n = len(separate_bolls(sharp, lint, UP).bolls.centres)
     assert n >= 4
     for first, counts in ((sharp, [n, n]), (dull, [n - 1, n])):
-        halves = separate_all([view for pair in zip(first, sharp, strict=True) for view in pair], lint)[1:]
+        halves = separate_all([view for pair in zip(first, sharp, strict=True) for view in pair], lint, UP)[1:]
         assert [len(half.bolls.centres) for half in halves] == counts
 
 

@@ -16,6 +16,7 @@ from cotton3dg.cluster.same_boll import Calibration, PairMeasures, Score, Term, 
 from cotton3dg.cluster.separate_bolls import separate_bolls
 
 TOUCHING = [Ball((0, 0, 0), 2.3), Ball((4.4, 0, 0), 2.3)]
+UP = np.array([0.0, 0.0, 1.0])
 BUR = (0.0, 0.0, 0.0)
 LOCKS = [
     Ball((1.3, 0, 0), 1.2, (0.6, 0, 0)),
@@ -39,12 +40,14 @@ def parts_of(balls: list[Ball]):
 
 def test_two_balls_are_measured_as_they_are():
     parts = parts_of(TOUCHING)
-    measures = measure_pair(parts[0], parts[1], cm_per_su=1.0)
-    assert measures.apart_cm == pytest.approx(4.4, abs=0.05)
+    measures = measure_pair(parts[0], parts[1], UP, cm_per_su=1.0)
     assert measures.joined_cm == pytest.approx(6.6, abs=0.3)
     assert measures.two_middles > 1
-    twice = measure_pair(parts[0], parts[1], cm_per_su=2.0)
-    lengths = {"apart_cm": 2 * measures.apart_cm, "joined_cm": 2 * measures.joined_cm}
+    assert measures.sideways_cm == pytest.approx(4.4, abs=0.05)
+    on_its_side = measure_pair(parts[0], parts[1], np.array([3.0, 4.0, 0.0]), cm_per_su=1.0)
+    assert on_its_side.sideways_cm == pytest.approx(0.8 * 4.4, abs=0.05)
+    twice = measure_pair(parts[0], parts[1], UP, cm_per_su=2.0)
+    lengths = {name: 2 * getattr(measures, name) for name in measures._fields if name.endswith("_cm")}
     assert twice == pytest.approx(measures._replace(**lengths), abs=1e-3)
 
 
@@ -70,13 +73,19 @@ def test_nothing_has_no_width():
 
 @pytest.mark.parametrize(("measure", "sign"), TERMS.items())
 def test_the_fitted_score_goes_where_physics_says(measure, sign):
-    """Farther apart, wider, with votes that meet in two places: less likely one boll."""
-    usual = PairMeasures(apart_cm=3.0, joined_cm=5.0, two_middles=0.5)
+    """Farther beside, wider, with votes that meet in two places: less likely one boll."""
+    usual = PairMeasures(sideways_cm=2.0, joined_cm=5.0, two_middles=0.5)
     more = usual._replace(**{measure: getattr(usual, measure) + 0.2})
     score = read_score()
     assert sign * (score.probability(more) - score.probability(usual)) >= 0
-    near, far = PairMeasures(1.5, 3.8, 0.1), PairMeasures(4.5, 6.5, 1.0)
+    near, far = PairMeasures(1.0, 3.8, 0.1), PairMeasures(4.0, 6.5, 1.0)
     assert score.probability(near) > 0.5 > score.probability(far)
+
+
+def test_a_lock_below_is_rather_of_the_boll_than_a_neighbour_beside_it():
+    """Both 3.5 cm away, with the same votes and lint."""
+    below, beside = (read_score().probability(PairMeasures(sideways, 5.5, 0.6)) for sideways in (0.7, 3.5))
+    assert below > 0.5 > beside
 
 
 def test_what_is_stated_too_carefully_is_calibrated(monkeypatch):
@@ -90,7 +99,7 @@ def test_what_is_stated_too_carefully_is_calibrated(monkeypatch):
 
 
 def test_a_score_is_read_as_it_was_written(tmp_path):
-    score = Score(-1.5, (Term("apart_cm", 3.5, -1.0), Term("two_middles", 0.4, 0.0)), 0.3, Calibration(0.25, 0.5))
+    score = Score(-1.5, (Term("sideways_cm", 3.5, -1.0), Term("two_middles", 0.4, 0.0)), 0.3, Calibration(0.25, 0.5))
     write_score(tmp_path / "score.toml", score, 3)
     assert read_score(tmp_path / "score.toml") == score
 
@@ -99,8 +108,8 @@ def test_the_likeliest_pair_joins_first_and_what_is_left_keeps_its_probability()
     """Of four balls in a row at 2, 3 and 6 cm: by distance alone, even at 3.5 cm."""
     balls = [Ball((x, 0, 0), 1.0) for x in (0, 2, 5, 11)]
     parts = parts_of(balls)
-    score = Score(0.0, (Term("apart_cm", 3.5, -1.0),), 0.25)
-    joined = join_parts(parts, 1.0, score.probability)
+    score = Score(0.0, (Term("sideways_cm", 3.5, -1.0),), 0.25)
+    joined = join_parts(parts, UP, 1.0, score.probability)
     assert sorted(joined.parts) == [0, 2, 3], "the nearest two are one, and that is farther from the third"
     middle = joined.parts[0].centre
     assert 0.5 < middle[0] < 1.5
@@ -111,14 +120,14 @@ def test_the_likeliest_pair_joins_first_and_what_is_left_keeps_its_probability()
 
 
 def test_locks_of_one_boll_join():
-    bolls = separate_bolls(*see(LOCKS), cm_per_su=1.0).bolls
+    bolls = separate_bolls(*see(LOCKS), UP, cm_per_su=1.0).bolls
     assert len(bolls.centres) == 1
     np.testing.assert_allclose(bolls.centres[0], BUR, atol=0.3)
     assert bolls.one_boll[0] > 0.5
 
 
 def test_bolls_that_touch_stay_two():
-    bolls = separate_bolls(*see(TOUCHING), cm_per_su=1.0).bolls
+    bolls = separate_bolls(*see(TOUCHING), UP, cm_per_su=1.0).bolls
     assert len(bolls.centres) == 2
     assert (bolls.one_boll > 0.5).all()
 
@@ -126,7 +135,7 @@ def test_bolls_that_touch_stay_two():
 def test_the_nearer_two_bolls_lie_the_less_sure_they_are_two():
     near, far = (
         separate_bolls(
-            *see([TOUCHING[0], replace(TOUCHING[1], centre=(apart, 0, 0))], scatter=0.5), cm_per_su=1.0
+            *see([TOUCHING[0], replace(TOUCHING[1], centre=(apart, 0, 0))], scatter=0.5), UP, cm_per_su=1.0
         ).bolls
         for apart in (3.4, 5.0)
     )
@@ -142,8 +151,8 @@ def test_without_a_scale_the_unit_of_length_does_not_matter(zoom):
         for view in votes
     ]
     model = replace(lint.gaussians, means=np.float32(zoom) * lint.gaussians.means)
-    bolls = separate_bolls(in_other_units, replace(lint, gaussians=model)).bolls
-    expected = separate_bolls(votes, lint).bolls
+    bolls = separate_bolls(in_other_units, replace(lint, gaussians=model), UP).bolls
+    expected = separate_bolls(votes, lint, UP).bolls
     np.testing.assert_allclose(bolls.centres, zoom * expected.centres, rtol=1e-3, atol=1e-3 * zoom)
     np.testing.assert_allclose(bolls.one_boll, expected.one_boll, atol=0.02)
 
@@ -158,7 +167,7 @@ def test_what_few_votes_are_for_is_no_boll_where_it_hardly_looks_like_lint(proba
 def test_without_votes_there_are_no_bolls():
     votes, lint = see(TOUCHING)
     none = [view.take(np.zeros(len(view.rays), bool)) for view in votes]
-    bolls = separate_bolls(none, lint).bolls
+    bolls = separate_bolls(none, lint, UP).bolls
     assert bolls.centres.shape == (0, 3) and not len(bolls.one_boll)
 
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.scene import Float32, Float64
 from .hough_voting import Middles, Votes, meet_rays
@@ -21,9 +21,6 @@ from .split_parts import PlacedVotes, fit_mixture
 
 MOST_RAYS: Final = 400
 """Number of rays that a part keeps. More rays do not make a middle sharper."""
-DIRECTIONS: Final = 64
-TAIL: Final = 0.02
-"""Share of a part's Gaussians at either end that its width leaves out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +42,11 @@ class Part:
     """(m, 3) su each: the middles that some of its votes are for, and the rays of these votes."""
     weights: Float32
     """(m,) weights of these votes; their sum is 1."""
+
+    @cached_property
+    def lint_middle(self) -> Float64:
+        """(3,) su, mean of its lint; without lint, where its votes meet."""
+        return self.lint.mean(axis=0, dtype=np.float64) if len(self.lint) else self.centre
 
 
 def gather_parts(middles: Middles, votes: Sequence[Votes], lint: LintInSpace) -> dict[int, Part]:
@@ -93,10 +95,10 @@ def join_two(a: Part, b: Part) -> Part:
 
 def measure_pair(one: Part, other: Part, up: Float64, cm_per_su: float) -> PairMeasures:
     """The measures of a pair of parts; `up` (3,) points upwards in the scene."""
-    apart = one.centre - other.centre
+    apart = one.lint_middle - other.lint_middle
     return PairMeasures(
         sideways_cm=float(np.linalg.norm(np.cross(apart, up)) / np.linalg.norm(up)) * cm_per_su,
-        joined_cm=mean_width(np.concatenate([one.lint, other.lint])) * cm_per_su,
+        apart_cm=float(np.linalg.norm(apart)) * cm_per_su,
         two_middles=gain_of_two(one, other),
     )
 
@@ -114,19 +116,3 @@ def gain_of_two(one: Part, other: Part) -> float:
     variance = float(votes.weights @ votes.distances2(middle)) / 3
     two, alone = (fit_mixture(votes, centres, variance, diameter) for centres in (both, middle[None]))
     return two.log_likelihood - alone.log_likelihood
-
-
-def mean_width(places: Float32) -> float:
-    """Mean width of points (N, 3) over all directions, without the share `TAIL` at either end; 0 without points."""
-    if not len(places):
-        return 0.0
-    low, high = np.quantile((places - places.mean(axis=0)) @ _directions().T, [TAIL, 1 - TAIL], axis=0)
-    return float((high - low).mean())
-
-
-def _directions() -> NDArray[np.float64]:
-    """(DIRECTIONS, 3) over half of the sphere: a Fibonacci spiral."""
-    k = np.arange(DIRECTIONS)
-    z, angle = (k + 0.5) / DIRECTIONS, k * np.pi * (3 - np.sqrt(5))
-    radius = np.sqrt(1 - z**2)
-    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])

@@ -22,10 +22,9 @@ class PairMeasures(NamedTuple):
     """Two parts near each other."""
 
     sideways_cm: float
-    """Horizontal distance between the places where the votes of each part meet: locks hang below their boll, a
-    neighbour is beside it."""
-    joined_cm: float
-    """Width of the lint of both together, mean over all directions."""
+    """Horizontal distance between the middles of their lint: locks hang below their boll, a neighbour is beside it."""
+    apart_cm: float
+    """The distance itself."""
     two_middles: float
     """By how much the mean log likelihood of their votes grows when two middles explain them instead of one."""
 

@@ -47,9 +47,7 @@ class Separated(NamedTuple):
     """Candidates that hardly look like lint."""
 
 
-def separate_bolls(
-    votes: Sequence[Votes], lint: LintInSpace, up: Float64, cm_per_su: float | None = None
-) -> Separated:
+def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, up: Float64, cm_per_su: float | None = None) -> Separated:
     """The bolls of a plant.
 
     Args:

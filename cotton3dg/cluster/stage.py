@@ -18,6 +18,7 @@ from ..core.runs import Progress, StageOutcome, silent
 from ..core.scene import Camera, Float64, Gaussians
 from ..errors import BadInput, BadUsage
 from ..gaussians.appearance import boll_colours
+from ..geometry.camera_orbit import find_up
 from ..io.colmap import read_cameras
 from ..io.images import read_ids, write_ids, write_image
 from ..io.ply import read_gaussians, recolour, write_gaussians
@@ -84,8 +85,7 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     images, too: images/<image>.png with 16-bit ids."""
     gaussians = read_gaussians(workspace.require(workspace.gaussians_ply, "train"))
     cameras = read_cameras(workspace.require(workspace.undistorted / "sparse", "sfm"))
-    # People hold cameras upright on the whole; that gives the top and the bottom well enough to number the bolls.
-    up = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
+    up = find_up(cameras)
     masks = MasksInfo.load_if_there(workspace.masks_json)
     if workspace.lint_share_npz.is_file():
         located = _by_votes(workspace, options, gaussians, cameras, up)

@@ -12,8 +12,22 @@ from numpy.typing import NDArray
 
 from ..core.scene import Camera, Float64
 
+ARC_PRIOR: Final = 0.01
+"""Weight of the mean of the cameras' up vectors beside their horizontals, so that a short arc has an up direction."""
 GAP_BIN_DEG: Final = 15.0
 """Camera directions farther apart than this leave a gap; bolls still overlap in views 15 degrees apart."""
+
+
+def find_up(cameras: Sequence[Camera]) -> Float64:
+    """(3,) unit vector upwards in the scene, by cameras that are held level.
+
+    The direction to which the cameras' horizontal axes are most nearly perpendicular (Brown and Lowe, IJCV 2007,
+    section 5). The mean of their up vectors leans by up to five degrees where a turn is not whole, as all look down.
+    """
+    rights = np.stack([camera.rotation[0] for camera in cameras])
+    mean = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
+    up = np.linalg.solve(rights.T @ rights / len(cameras) + ARC_PRIOR * np.eye(3), mean)
+    return np.asarray(up / np.linalg.norm(up))
 
 
 @dataclass(frozen=True)

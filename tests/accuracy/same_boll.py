@@ -70,7 +70,7 @@ UNSEEN = {
     "separate-4": f"--seed 9204 --bolls 15 --boll-kind separate --clustered 0.4 --noise 4 --dark 0.7 {FILM}",
 }
 """Judged only: kinds that the score is not fitted on, and another plant of separate locks."""
-TERMS = {"sideways_cm": -1, "joined_cm": -1, "two_middles": -1}
+TERMS = {"sideways_cm": -1, "apart_cm": -1, "two_middles": -1}
 """Measures, and whether more of it speaks for one boll or against."""
 PURE = 0.6
 """Least share of a part's lint that is of one true boll, for the part to teach."""

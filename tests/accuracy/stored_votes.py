@@ -48,9 +48,9 @@ class StoredVotes:
     """(3, 4)."""
 
     @cached_property
-    def up(self) -> NDArray[np.float64]:
-        """(3,) upwards in the scene."""
-        return self.cm_from_scene[2, :3]
+    def up(self) -> tuple[float, ...]:
+        """(3,) upwards in the scene; what is measured with it can be cached."""
+        return tuple(self.cm_from_scene[2, :3].tolist())
 
 
 def open_votes(plant: TruePlant, folder: Path) -> StoredVotes:

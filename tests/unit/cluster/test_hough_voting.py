@@ -20,6 +20,8 @@ from cotton3dg.cluster.locate_bolls import separate_all
 from cotton3dg.cluster.separate_bolls import find_parts, separate_bolls
 from cotton3dg.segment.lint_share import gather_lint
 
+UP = np.array([0.0, 0.0, 1.0])
+
 
 def everything(gaussians) -> np.ndarray:
     return np.ones(len(gaussians), bool)

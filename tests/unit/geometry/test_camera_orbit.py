@@ -6,7 +6,7 @@ import pytest
 from scenes.lint_scene import orbit_cameras
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.geometry.camera_orbit import GAP_BIN_DEG, azimuths, evenly_spaced, find_out_of_view, fit_orbit
+from cotton3dg.geometry.camera_orbit import GAP_BIN_DEG, azimuths, evenly_spaced, find_out_of_view, find_up, fit_orbit
 
 
 def test_orbit_of_a_full_turn() -> None:
@@ -14,6 +14,20 @@ def test_orbit_of_a_full_turn() -> None:
     np.testing.assert_allclose(orbit.axis, [0, 0, 1], atol=0.02)
     np.testing.assert_allclose(orbit.centre, [0, 0, 0.36], atol=0.01)
     assert orbit.radius == pytest.approx(1.3, rel=0.01)
+
+
+@pytest.mark.parametrize(("turn", "within_deg"), [(2 * np.pi, 0.1), (np.pi, 1.0), (0.5, 25.0)])
+def test_level_cameras_know_up_without_a_whole_turn(turn: float, within_deg: float) -> None:
+    cameras = orbit_cameras(24, turn=turn)
+    mean = -np.mean([camera.rotation[1] for camera in cameras], axis=0)
+    off_deg = [np.degrees(np.arccos(up[2] / np.linalg.norm(up))) for up in (find_up(cameras), mean)]
+    assert off_deg[0] < within_deg
+    assert off_deg[0] <= off_deg[1] + 1e-6
+
+
+def test_one_camera_knows_up_as_well_as_it_is_held() -> None:
+    (camera,) = orbit_cameras(1)
+    np.testing.assert_allclose(find_up([camera]), -camera.rotation[1], atol=1e-9)
 
 
 def test_a_short_arc_takes_the_axis_from_the_cameras() -> None:

@@ -225,7 +225,7 @@ class Pictures:
             for boll, mask_id in wanted[name]:
                 part = cut_out(drawn, ids, mask_id)
                 if part is not None:
-                    found.setdefault(boll, []).append({"src": jpeg_uri(part, 150, 85), "name": name})
+                    found.setdefault(boll, []).append({"src": jpeg_uri(part, 150, 80), "name": name})
         return found
 
     def references(self) -> list[dict[str, str]]:

@@ -16,11 +16,11 @@ from .frame import Frame
 from .pictures import Pictures
 
 PHOTOS: Final = 12
-SIDE_PX: Final = 1280
-"""Photos, 30 degrees apart; their longer side."""
-QUALITIES: Final = (72, 60, 50, 40)
+"""30 degrees apart."""
+FINENESS: Final = ((1280, 72), (1280, 60), (1280, 50), (1280, 40), (1080, 45), (900, 45), (760, 40))
+"""Longer side of the photos, px, and quality of JPEG; the finest first."""
 MOST_CHARACTERS: Final = 1_200_000
-"""The best quality of JPEG with which all photos together take no more of the page; a page has 4 MB in all."""
+"""The photos are as fine as fits into so much of the page, which has 4 MB in all."""
 
 
 def describe_photos(pictures: Pictures) -> dict[str, Any]:
@@ -51,8 +51,8 @@ def describe_photos(pictures: Pictures) -> dict[str, Any]:
 
 def _encode(photos: list[Picture]) -> list[str]:
     """Photos as data URIs, as good as the page has room for."""
-    for quality in QUALITIES:
-        sources = [jpeg_uri(photo, SIDE_PX, quality) for photo in photos]
+    for side_px, quality in FINENESS:
+        sources = [jpeg_uri(photo, side_px, quality) for photo in photos]
         if sum(map(len, sources)) <= MOST_CHARACTERS:
             break
     return sources

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,10 @@ ANSWER_S = 120
 def executable() -> str | None:
     """Chromium on this machine; COTTON3DG_CHROMIUM names another one."""
     return os.environ.get("COTTON3DG_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
+
+
+class PageGone(AssertionError):
+    """The page that was asked has given way to another one."""
 
 
 class Browser:
@@ -103,9 +108,12 @@ class Browser:
         return answer["result"].get("value")
 
     def wait(self, expression: str, seconds: float = 60) -> None:
-        """Until the expression is true."""
+        """Until the expression is true; what a page cannot say because another one takes its place is not true yet."""
         end = time.monotonic() + seconds
-        while not self.value(expression):
+        while True:
+            with suppress(PageGone):
+                if self.value(expression):
+                    return
             if time.monotonic() > end:
                 raise AssertionError(f"not within {seconds} s: {expression}")
             time.sleep(0.1)
@@ -193,7 +201,8 @@ class Browser:
             answer = self._read()
             if answer.get("id") == self._last:
                 if "error" in answer:
-                    raise AssertionError(f"{method}: {answer['error']}")
+                    kind = PageGone if "navigated" in answer["error"]["message"] else AssertionError
+                    raise kind(f"{method}: {answer['error']}")
                 return answer["result"]
             self._note(answer)
 

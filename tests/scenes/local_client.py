@@ -18,9 +18,11 @@ def serving(server: LocalServer) -> Iterator[LocalServer]:
     with server:
         thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
-        yield server
-        server.shutdown()
-        thread.join()
+        try:
+            yield server
+        finally:  # else a test that fails would leave the thread, and pytest would never end
+            server.shutdown()
+            thread.join()
 
 
 def ask(

@@ -38,6 +38,8 @@ class Page:
 def viewed(folder: Path) -> Iterator[Page]:
     """The folder while it is served."""
     desk = Desk(folder, save_tables)
-    with serving(LocalServer(0, desk.answer, desk.most_bytes)) as server:
-        yield Page(server)
-    desk.close()
+    try:
+        with serving(LocalServer(0, desk.answer, desk.most_bytes)) as server:
+            yield Page(server)
+    finally:
+        desk.close()

@@ -57,8 +57,8 @@ def is_plant(workspace: Workspace) -> bool:
 
 
 def keep_plant_id(workspace: Workspace, plant_id: str) -> None:
-    """Write the plant's id into its options, where the name of its folder is another and no options are there."""
-    if workspace.root.name != plant_id and not workspace.options_file.exists():
+    """Write an id that no folder can have as its name into the plant's options; options that are there stay."""
+    if not workspace.options_file.exists():
         name = json.dumps(plant_id, ensure_ascii=False)
         write_text_atomically(workspace.options_file, f"[traits]\nplant_id = {name}\n")
 

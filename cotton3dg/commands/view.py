@@ -259,7 +259,8 @@ class Desk:
                 if shutil.disk_usage(self.root).free < request.left:
                     raise full_disk(self.root)
                 folder.mkdir(exist_ok=True)
-                keep_plant_id(Workspace(folder), plant)
+                if folder.name != plant:
+                    keep_plant_id(Workspace(folder), plant)
                 film = Path(file)
                 with replacing(folder / f"{folder_name(film.stem)}{film.suffix}") as partial, partial.open("wb") as out:
                     for chunk in request.chunks():

@@ -38,7 +38,7 @@ from cotton3dg.cluster.same_boll import read_score
 from cotton3dg.core.network_maps import Maps, middles_of_pixels
 from cotton3dg.evaluation.masks import score_masks
 from cotton3dg.gaussians.rasterizer import Window
-from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, fit_orbit, within_orbit
+from cotton3dg.geometry.camera_orbit import azimuths, evenly_spaced, find_up, fit_orbit, within_orbit
 from cotton3dg.geometry.point_sets import weighted_median
 from cotton3dg.io.colmap import read_cameras
 from cotton3dg.io.images import read_image
@@ -122,7 +122,7 @@ def measure(plant: TruePlant, n_views: int, parts: Sequence[str]) -> Iterator[di
             maps = [lessened.maps(image) for image in images]
             shares = gather_lint(maps, views, gaussians, allowed)
             with changes.get(part, nullcontext)():
-                located = locate_bolls(maps, views, gaussians, shares, orbit.axis, cm_per_su)
+                located = locate_bolls(maps, views, gaussians, shares, find_up(views), cm_per_su)
             found, bolls = located.images, float(len(located.bolls))
         scores, miou = score_masks((found[name], true[name]) for name in true)
         yield {

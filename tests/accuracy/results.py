@@ -79,15 +79,15 @@ class Job:
     """Folder with video.mp4 and truth.json, of a path-traced plant."""
 
 
-def measuring_sources(root: Path = ROOT) -> list[Path]:
+def measuring_sources() -> list[Path]:
     """Sources and data files that a row depends on: pages, exports and other commands are not among them."""
     imports = grimp.build_graph("cotton3dg")
     modules = set(MEASURE).union(*(imports.find_upstream_modules(module) for module in MEASURE))
-    paths = [root / Path(*module.split(".")) for module in modules]
-    files = {file for path in paths for file in (path.with_suffix(".py"), path / "__init__.py") if file.is_file()}
-    rooms = {file.parent for file in files} - {root / "cotton3dg"}
+    paths = [ROOT / Path(*module.split(".")) for module in modules]
+    files = {file for path in paths for file in (path.with_suffix(".py"), path / "__init__.py")}
+    rooms = {file.parent for file in files if file.is_file()} - {ROOT / "cotton3dg"}
     data = {file for room in rooms for file in room.iterdir() if file.suffix not in {".py", ".so"}}
-    core = {file for pattern in CORE for file in root.glob(pattern)}
+    core = {file for pattern in CORE for file in ROOT.glob(pattern)}
     return sorted(file for file in files | data | core if file.is_file())
 
 

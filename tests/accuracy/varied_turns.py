@@ -31,7 +31,7 @@ from cotton3dg.core.scene import Camera, Float32, Float64, Gaussians
 from cotton3dg.core.srgb import to_linear
 from cotton3dg.evaluation.masks import match_ious, score_masks
 from cotton3dg.gaussians.views import View
-from cotton3dg.geometry.camera_orbit import fit_orbit, within_orbit
+from cotton3dg.geometry.camera_orbit import find_up, fit_orbit, within_orbit
 from cotton3dg.io.ply import read_gaussians, write_gaussians
 from cotton3dg.masks.bolls import BollNetwork, open_bolls
 from cotton3dg.options import resolve
@@ -197,7 +197,7 @@ def measure(turn: Turn, network: BollNetwork) -> dict[str, float]:
     maps = [network.maps(image) for image in turn.images]
     of_plant = within_orbit(turn.gaussians.means, turn.cameras, orbit)
     shares = gather_lint(maps, turn.cameras, turn.gaussians, of_plant)
-    located = locate_bolls(maps, turn.cameras, turn.gaussians, shares, orbit.axis)
+    located = locate_bolls(maps, turn.cameras, turn.gaussians, shares, find_up(turn.cameras))
     return score(turn, np.stack([located.images[camera.name] for camera in turn.cameras]))
 
 

@@ -65,11 +65,12 @@ def click_in_photo(browser, pane, camera, point, off_px=0.0):
     browser.click(left + x / camera.width * width, top + (y + off_px) / camera.height * height)
 
 
-def test_a_wrong_merge_and_a_false_boll_are_mended_by_two_clicks_each(reported_copy, tmp_path):
+@pytest.mark.parametrize("width", [1280, 400])
+def test_a_wrong_merge_and_a_false_boll_are_mended_by_two_clicks_each(reported_copy, tmp_path, width):
     """Bolls 3 and 4 are one and boll 1 is none, by real clicks; what is saved replays to the same bytes twice."""
     (tmp_path / "downloads").mkdir()
     with Browser(tmp_path / "profile", webgl=False) as browser:
-        browser.open(reported_copy.report_html)
+        browser.open(reported_copy.report_html, width, 800)
         browser.downloads_to(tmp_path / "downloads")
         browser.click(*browser.middle("tr[data-boll='3'] th button"))
         browser.click(*browser.middle("tr[data-boll='4'] [data-mend=merge]"))

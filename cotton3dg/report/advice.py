@@ -177,8 +177,8 @@ FLAGS: Final = {
     ),
     "touching_bolls": Meaning(
         "Many bolls touch each other",
-        "About one touching boll in thirty is lost in its neighbour or counted twice. The border between two bolls is a"
-        " guess, so volumes are less sure, too.",
+        "A touching boll may be lost in its neighbour, above all one below the other, or be counted twice. The border"
+        " between two bolls is a guess, so volumes are less sure, too.",
         "Look at the bolls of least confidence in the table below; the errors of count and volume allow for it.",
     ),
     "corrections_not_applied": Meaning(

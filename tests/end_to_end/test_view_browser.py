@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 from scenes.chromium import Browser, executable
+from scenes.tiny_plant import OPTIONS
 from scenes.viewed import viewed
 
 from cotton3dg.io.tables import read_rows
@@ -102,6 +103,34 @@ def test_a_film_is_added_and_checked_without_a_shell(reported, tmp_path):
         assert browser.complaints == []
         for plant in ("plant_017", "plant_018"):
             assert plant in (tmp_path / "field" / "batch.csv").read_text()
+
+
+@pytest.mark.slow
+def test_a_dropped_film_ends_as_a_row(filmed, tmp_path):
+    """Dropped, named, measured and corrected, all by hand: the rows are those of the files."""
+    field, shown = tmp_path / "field", "[...document.querySelectorAll('#plants tr')].map(row => row.innerText).join()"
+    field.mkdir()
+    (field / "cotton3dg.toml").write_text(OPTIONS)
+    with viewed(field) as page, Browser(tmp_path / "profile") as browser:
+        browser.open(page.server.address)
+        browser.wait("!document.getElementById('none').hidden", ANSWER_S)
+        browser.drop(filmed / "video.mp4", *browser.middle("#plants"))
+        browser.write("plant_031")
+        browser.click(*browser.middle("#add button"))
+        browser.wait("document.querySelectorAll('#plants tr').length === 1", ANSWER_S)
+        browser.click(*browser.middle("#plants button:nth-of-type(2)"))
+        browser.wait("document.querySelector('#plants td').textContent.includes('done')", ANSWER_S)
+        (row,) = read_rows(field / "plant_031" / "traits" / "traits.csv")
+        assert int(row["boll_count"]) > 1 and row["plant_id"] == "plant_031"
+        assert row["boll_count"] in browser.value(shown)
+        browser.click(*browser.middle("#plants a"))
+        browser.wait("document.readyState === 'complete' && document.getElementById('mending').hidden", ANSWER_S)
+        browser.click(*browser.middle("tr[data-boll='1'] [data-mend=delete]"))
+        fewer = str(int(row["boll_count"]) - 1)
+        browser.wait(f"document.readyState === 'complete' && {NOTE}.endsWith(' → {fewer}')", ANSWER_S)
+        (corrected,) = read_rows(field / "plant_031" / "traits" / "traits.csv")
+        assert corrected["boll_count"] == fewer
+        assert browser.complaints == []
 
 
 def test_neither_another_site_nor_a_hostile_report_can_act(reported_copy, tmp_path):

@@ -41,7 +41,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt $(SOURCES)
 demo: setup ## simulate a plant, run it, print its row beside the truth
 	$(BIN)/cotton3dg demo $(DEMO) --preset $(PRESET)
 
-test: setup ## the quick tests, in parallel: units, native core, hard cases, 100 random scenes, one whole run; 5 minutes
+test: setup ## the quick tests, in parallel: units, native core, hard cases, 100 random scenes, one whole run; 5 to 15 minutes
 	$(PYTEST) -m "not slow"
 
 test-lowest: RESOLUTION = lowest-direct

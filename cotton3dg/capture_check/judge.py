@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from ..frames.frame_quality import BLURRED
 from ..geometry.camera_orbit import find_out_of_view
 from ..report.verdicts import (
+    FEW_SECONDS,
     WELL_LIT,
     of_distance,
     of_framing,
+    of_length,
     of_light,
     of_placed,
     of_scale,
@@ -123,7 +125,11 @@ def _sharp(look: Look, train_side_px: int) -> _Part:
         "blurred_share": round(float((blurs > BLURRED).mean()), 3),
         "motion_blur_px": look.blur_px,
     }
-    return [of_sharpness(images, look.blur_px, _boll_widths_px(look, train_side_px))], figures
+    found = [of_sharpness(images, look.blur_px, _boll_widths_px(look, train_side_px))]
+    video = look.frames.video
+    if video and video.duration_s < FEW_SECONDS and (length := of_length(video)):
+        found.append(length)
+    return found, figures
 
 
 def _light(look: Look) -> _Part:

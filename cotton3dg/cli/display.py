@@ -16,6 +16,7 @@ from ..core.runs import State
 from ..io.saving import json_text, printable
 from ..options import STANDARD
 from ..pipeline import Step
+from ..schemas.check import GREEN, RED, YELLOW
 from ..stage import STAGES
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from ..staleness import StageState
     from ..workspace import Workspace
 
+MARKS: Final = {GREEN: "●", YELLOW: "■", RED: "◆"}
+"""Marks of how sure a trait is; their shapes are those of the pages."""
 WORDS_FROM: Final = 60
 """Width of a terminal from which words stand beside the marks."""
 STYLES: Final = {State.FAILED: "red", State.STALE: "yellow"}
@@ -56,7 +59,7 @@ def print_plan(steps: list[Step], *, as_json: bool) -> None:
 
 def tell_options(chosen: Chosen, tell: Callable[[str], None], stages: Iterable[str] = STAGES) -> None:
     """Tell what is not usual about a plant's options, and how they differ from what its results were made with."""
-    for word, text in (("options", chosen.summary()), ("changed since the last run", chosen.changes(stages))):
+    for word, text in (("options", chosen.summary()), ("changed since the last time", chosen.changes(stages))):
         if text:
             tell(f"{word}: {text}")
 
@@ -144,8 +147,6 @@ def print_ending(ending: Ending, *, everything: bool = False, as_json: bool = Fa
 
 def _trait_table(ending: Ending, *, in_words: bool) -> Table:
     """One trait a line; a mark, and words if there is room, say how sure it is, by the report's rule."""
-    from ..report.verdicts import SURENESS
-
     table = Table(box=None, pad_edge=False, padding=(0, 2 if in_words else 1, 0, 0))
     table.add_column(Text(ending.plant_id), no_wrap=True)
     table.add_column("", justify="right", no_wrap=True)
@@ -154,9 +155,9 @@ def _trait_table(ending: Ending, *, in_words: bool) -> Table:
     for card in ending.cards:
         sure = card["sure"]
         interval = card["range"] or (f"{card['value']} to {card['value']}" if sure else "")
-        mark = Text("● ", style=sure) if sure else Text("  ")
+        mark = Text(f"{MARKS[sure]} ", style=sure) if sure else Text("  ")
         value = Text(f"{card['value']} {card['unit']}".strip(), style="bold")
-        remark = "" if sure and not in_words else SURENESS.get(sure, card["note"])
+        remark = "" if sure and not in_words else card["sureness"] or card["note"]
         table.add_row(mark.append(card["name"], style="default"), value, interval, remark)
     return table
 
@@ -216,7 +217,8 @@ def print_corrections(outcome: Outcome, *, as_json: bool) -> None:
         return
     for line in (*outcome.texts, *outcome.refused):
         print(line)
-    print(f"{len(outcome.kept.corrections)} corrections kept; bolls: {outcome.before:g} -> {outcome.after:g}")
+    kept = len(outcome.kept.corrections)
+    print(f"{kept} {'correction' if kept == 1 else 'corrections'} kept; {outcome.change}")
 
 
 def print_findings(findings: list[Finding]) -> None:

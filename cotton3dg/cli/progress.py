@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a command is: one line on a terminal, of any width; elsewhere a plain line every 30 s."""
+"""How far a command is: one line on a terminal, of any width; elsewhere a plain line every 10 s."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ..planning.tradeoff import format_duration
 from ..schemas.record import Record
 from ..workspace import Workspace
 
-PLAIN_INTERVAL_S: Final = 30.0
+PLAIN_INTERVAL_S: Final = 10.0
 """How often a line is printed where there is no terminal."""
 REFRESHES: Final = 4
 """How often the line on a terminal is drawn, 1/s."""
@@ -113,7 +113,7 @@ class ProgressDisplay(Watcher):
             last_s = now
             left_s = self.time_left.seconds(now)
             left = f", about {format_duration(left_s)} left" if math.isfinite(left_s) else ""
-            self.say(f"{self._named(work)}: {done}/{total} {remark}{left}")
+            self.say(f"{self._named(work)}: {done}/{total}{remark and f' {remark}'}{left}")
 
         return show
 

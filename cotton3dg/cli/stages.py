@@ -200,7 +200,7 @@ def check(
         if as_json:
             display.print_json(asdict(info))
         else:
-            display.print_check(info, workspace.plant_id, workspace.check_html)
+            display.print_check(info, chosen.options["traits"].plant_id, workspace.check_html)
     if info.verdict != GREEN:
         raise typer.Exit(CaptureFailed.exit_code if info.verdict == RED else DOUBTFUL)
 

@@ -47,7 +47,7 @@ def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher, choic
         Cotton3dgError: the fault is not the film's.
     """
     start = time.perf_counter()
-    look, frames = None, None
+    look, frames, plant_id = None, None, options["traits"].plant_id or workspace.plant_id
     with _where_to_work(workspace, options) as place:
         try:
             run(place, options, ("frames",), watcher=watcher, choices=choices)
@@ -57,9 +57,9 @@ def check(workspace: Workspace, options: dict[str, Any], watcher: Watcher, choic
                 side_px = options["train"].max_side
                 look = preview_capture(place, names, undistorted, options["scale"], side_px, watcher.watched("check"))
                 info = judge(look, side_px, time.perf_counter() - start)
-                return _save(workspace, info, look, frames, place)
+                return _save(workspace, plant_id, info, look, frames, place)
         except CaptureFailed as error:
-            return _save(workspace, refuse(str(error), time.perf_counter() - start), None, frames, place)
+            return _save(workspace, plant_id, refuse(str(error), time.perf_counter() - start), None, frames, place)
 
 
 @contextmanager
@@ -123,17 +123,22 @@ def _undistort(workspace: Workspace, model: Any, names: tuple[str, ...], distort
 
 
 def _save(
-    workspace: Workspace, info: CheckInfo, look: Look | None, frames: FramesInfo | None, place: Workspace
+    workspace: Workspace,
+    plant_id: str,
+    info: CheckInfo,
+    look: Look | None,
+    frames: FramesInfo | None,
+    place: Workspace,
 ) -> CheckInfo:
     """Save the findings together with the film that they belong to, and return them.
 
     Args:
-        place: where the frames are.
+        plant_id: as the page names the plant. place: where the frames are.
     """
     info = replace(info, film=film_of(place.read_record("frames")))
     strip = strip_of(frames, place.folder("frames")) if frames and look is None else []
     with workspace.writing("check") as folder:
         info.save(folder / workspace.check_json.name)
-        page = check_page(workspace.plant_id, info, look, frames, strip)
+        page = check_page(plant_id, info, look, frames, strip)
         (folder / workspace.check_html.name).write_text(page, encoding="utf-8")
     return info

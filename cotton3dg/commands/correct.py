@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -77,6 +78,16 @@ class Outcome:
     before: float
     after: float
     """Count of bolls after the corrections."""
+    volume_before_cm3: float = math.nan
+    volume_after_cm3: float = math.nan
+
+    @property
+    def change(self) -> str:
+        """By what the corrections change the count and the volume."""
+        bolls = f"bolls: {self.before:g} → {self.after:g}"
+        if not math.isfinite(self.volume_before_cm3 + self.volume_after_cm3):
+            return bolls
+        return f"{bolls}, volume: {self.volume_before_cm3:.0f} → {self.volume_after_cm3:.0f} cm³"
 
     @property
     def texts(self) -> list[str]:
@@ -101,7 +112,7 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
         stage: recorded(stage, record.options, record.stage_version) for stage, record in records.items() if record
     }
     with workspace.locked():
-        before = _count(workspace)
+        before, volume_before_cm3 = _totals(workspace)
         former, kept = _take_up(workspace, asked)
     table_moves = former.of(CORNER) != kept.of(CORNER)
     choices = choose(workspace).to_keep(STAGES)
@@ -111,7 +122,8 @@ def correct(workspace: Workspace, asked: Asked, watcher: pipeline.Watcher | None
     pipeline.run(workspace, options, ("traits",), wait=True, watcher=watcher, report=True, choices=choices)
     done = [record for record in map(workspace.read_record, ("scale", "traits")) if record]
     refused = tuple(warning for record in done for warning in record.warnings if "correction not applied" in warning)
-    return Outcome(kept, refused, _lengths(workspace, kept), before, _count(workspace))
+    after, volume_after_cm3 = _totals(workspace)
+    return Outcome(kept, refused, _lengths(workspace, kept), before, after, volume_before_cm3, volume_after_cm3)
 
 
 def kept_texts(workspace: Workspace) -> list[str]:
@@ -321,5 +333,7 @@ def _picks(option: str, text: str, end: str = "") -> tuple[Pick, ...]:
     return tuple(picks)
 
 
-def _count(workspace: Workspace) -> float:
-    return parse_number(read_rows(workspace.traits_csv)[0]["boll_count"])
+def _totals(workspace: Workspace) -> tuple[float, float]:
+    """Count and volume, cm³, of the plant's bolls; NaN for what is not known."""
+    (row,) = read_rows(workspace.traits_csv)
+    return parse_number(row["boll_count"]), parse_number(row["boll_volume_cm3"])

@@ -59,4 +59,5 @@ def export(folder: Path, kind: str, out: Path | None = None) -> str:
             write_workbook(partial / name, sheets)
     if out is None:
         (target.parent / OWNER_MARK).touch()  # so that `batch` does not take it for a plant
-    return f"{len(field.plants)} plants saved in {target}: {', '.join([*texts, *books])}{remark}"
+    plants = f"{len(field.plants)} {'plant' if len(field.plants) == 1 else 'plants'}"
+    return f"{plants} saved in {target}: {', '.join([*texts, *books])}{remark}"

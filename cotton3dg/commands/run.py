@@ -32,7 +32,7 @@ class Ending:
     problem: str
     """Why there are no traits to show, as after a part of a run on results that are out of date; empty if there are."""
     cards: list[dict[str, str]]
-    """The four traits, as the report shows them: name, value, unit, range, sure, note."""
+    """The four traits, as the report shows them: name, value, unit, range, sure, sureness, note."""
     row: dict[str, str]
     """Column -> cell of traits.csv."""
     table: str

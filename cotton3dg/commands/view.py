@@ -12,22 +12,21 @@ import json
 import math
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 import threading
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from http import HTTPStatus
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any, Final
 from urllib.parse import quote
 
 from ..choices import choose
-from ..errors import DOUBTFUL, BadInput, BadUsage, CaptureFailed, Cotton3dgError, unknown
+from ..errors import BadInput, BadUsage, Cotton3dgError, unknown
 from ..identity.names import folder_name, id_problem
+from ..io.command_queue import DONE_WITH, CommandQueue
 from ..io.local_server import HTML, Answer, LocalServer, Refused, Request, as_json
 from ..io.saving import explain_disk_errors, full_disk, replacing
 from ..io.tables import parse_number, read_rows
@@ -35,6 +34,7 @@ from ..options import PRESETS
 from ..plants import has_results, is_plant, keep_plant_id, plants_in, refuse_plant
 from ..report.live import describe, opened, view_page
 from ..report.page import is_stale, make_report
+from ..schemas.record import Choices
 from ..workspace import VIDEO_SUFFIXES, Workspace
 from .correct import Asked, correct, kept_texts
 from .export import export
@@ -47,9 +47,10 @@ OF_PLANT: Final = {
     "traits/bolls.csv": CSV,
     "traits/branches.csv": CSV,
 }
+TABLE: Final = "batch.csv"
 OF_FIELD: Final = {
     "index.html": HTML,
-    "batch.csv": CSV,
+    TABLE: CSV,
     "batch_bolls.csv": CSV,
     "genotypes.csv": CSV,
     "heritability.csv": CSV,
@@ -57,13 +58,12 @@ OF_FIELD: Final = {
 """The files that are shown, of a plant and of a field; there is no way to any other."""
 CORRECTIONS: Final = "corrections"
 UNDO: Final = "undo"
+STOP: Final = "stop"
 TABLES: Final = "tables"
 WORKBOOK: Final = "workbook.xlsx"
 XLSX: Final = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"
 SIDES: Final = ("table_length_cm", "table_width_cm")
 """Options of `scale` that the page asks for."""
-JOBS: Final = {"check": (0, DOUBTFUL, CaptureFailed.exit_code), "run": (0,)}
-"""Command -> exit codes with which it has done its work."""
 MOST_BYTES: Final = 2**20
 MOST_FILM_BYTES: Final = 2**35
 """The largest content of a request, and the largest film."""
@@ -115,7 +115,7 @@ class Desk:
         """One change at a time: the log of a run is the whole program's."""
         self._taking = threading.Lock()
         """One film at a time, so that two never get one name."""
-        self._jobs = _Jobs()
+        self._jobs = CommandQueue()
 
     def close(self) -> None:
         """End the work that goes on; a correction ends by itself."""
@@ -149,10 +149,11 @@ class Desk:
     def _show(self, parts: tuple[str, ...]) -> Answer:
         name = "/".join(parts)
         if not parts:
-            return _page(view_page(self.root.name, is_field=self.is_field), 0)
+            return _page(view_page(self.root.name, is_field=self.is_field, usual=self._usual()), 0)
         if name == "state":
             return as_json(self._state())
         if self.is_field and name in OF_FIELD:
+            self._renew_tables()
             return self._file(self.root, name, OF_FIELD[name], len(parts))
         if self.is_field and name == WORKBOOK:
             return self._workbook()
@@ -197,10 +198,37 @@ class Desk:
         plants = []
         for name, workspace in self.plants().items():
             pages = [page for page in OF_PLANT if (workspace.root / page).is_file()]
-            job = {"busy": name in self._jobs.asked, "job": self._jobs.lines.get(name, "")}
+            job = {"busy": name in self._jobs.asked, "job": self._jobs.text(name)}
             shown = "/".join([*name.split("/")[:-1], _id_of(workspace)])
             plants.append({"plant": name, "shown": shown, "pages": pages} | job | describe(workspace))
         return {"plants": plants, "pages": [page for page in OF_FIELD if (self.root / page).is_file()]}
+
+    def _renew_tables(self) -> None:
+        """Save the tables of the field anew if a plant was measured or corrected since."""
+        table = self.root / TABLE
+        if not table.is_file() or table.is_symlink():
+            return
+        rows = [plant.traits_csv for plant in self.plants().values() if plant.traits_csv.is_file()]
+        if any(row.stat().st_mtime_ns > table.stat().st_mtime_ns for row in rows):
+            with self._saving, suppress(Cotton3dgError):
+                self._save_tables(self.root)
+
+    def _usual(self) -> dict[str, str]:
+        """What the page's form would say of the plant that was measured or checked last; empty if there is none."""
+        if not self.is_field:
+            return {}
+        written = {
+            workspace.choices_json.stat().st_mtime_ns: workspace
+            for workspace in self.plants().values()
+            if workspace.choices_json.is_file()
+        }
+        if not written:
+            return {}
+        with suppress(Cotton3dgError):
+            kept = Choices.load(written[max(written)].choices_json)
+            sides = kept.values.get("scale", {})
+            return {"preset": kept.preset} | {side: f"{sides[side]:g}" for side in SIDES if side in sides}
+        return {}
 
     def _renew(self, workspace: Workspace) -> None:
         """Make the report anew if it lacks something; while a run goes on, or where it cannot be, it stays as it is."""
@@ -217,8 +245,15 @@ class Desk:
                 self._save_tables(self.root)
             return as_json({})
         workspace, what = self._find(request.parts)
-        if what in JOBS:
-            self._jobs.add("/".join(request.parts[:-1]), [what, str(workspace.root), *_chosen(request.read())])
+        plant = "/".join(request.parts[:-1])
+        if what in DONE_WITH:
+            form = _read_form(request.read())
+            if not workspace.choices_json.is_file():  # a new plant is measured as the one before it
+                form = {name: value or self._usual().get(name, "") for name, value in form.items()}
+            self._jobs.add(plant, [what, str(workspace.root), *_arguments(form)])
+            return as_json({})
+        if what == STOP:
+            self._jobs.stop(plant)
             return as_json({})
         if what == CORRECTIONS:
             with _as_file(request.read()) as file:
@@ -234,8 +269,7 @@ class Desk:
             except Cotton3dgError as error:
                 self._messages[workspace.root] = f"Not done: {error}"
                 raise
-            change = f"Bolls: {outcome.before:g} → {outcome.after:g}"
-            self._messages[workspace.root] = "; ".join([change, *outcome.refused])
+            self._messages[workspace.root] = "; ".join([outcome.change.capitalize(), *outcome.refused])
             return as_json({"message": self._messages[workspace.root]})
 
     def _take_film(self, request: Request) -> str:
@@ -268,64 +302,6 @@ class Desk:
         return folder.name
 
 
-class _Jobs:
-    """Checks and measurements of plants, one after the other, each a command in a process of its own."""
-
-    def __init__(self) -> None:
-        self.lines: dict[str, str] = {}
-        """Plant -> the last line of its work, or why it came to nothing."""
-        self.asked: set[str] = set()
-        """Plants that are at work or wait."""
-        self._queue: SimpleQueue[tuple[str, list[str]]] = SimpleQueue()
-        self._process: subprocess.Popen[str] | None = None
-        self._ended = threading.Event()
-        threading.Thread(target=self._work, daemon=True).start()
-
-    def add(self, plant: str, words: list[str]) -> None:
-        """Put a command with its arguments behind the others.
-
-        Raises:
-            BadUsage: the plant waits already.
-        """
-        if plant in self.asked:
-            raise BadUsage(f"{plant} is at work or waits already")
-        self.asked.add(plant)
-        self.lines[plant] = "waits for its turn"
-        self._queue.put((plant, words))
-
-    def close(self) -> None:
-        """End the command that works; the same command continues from there."""
-        self._ended.set()
-        if process := self._process:
-            process.terminate()
-            process.wait()
-
-    def _work(self) -> None:
-        while True:
-            plant, words = self._queue.get()
-            if self._ended.is_set():
-                return
-            self.lines[plant] = f"{words[0]} begins"
-            if self._run(plant, words) in JOBS[words[0]]:
-                del self.lines[plant]
-            self.asked.discard(plant)
-
-    def _run(self, plant: str, words: list[str]) -> int:
-        # A session of its own keeps the terminal's Ctrl-C away from the process; `close` ends it.
-        with subprocess.Popen(
-            [sys.executable, "-m", "cotton3dg.cli", *words],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            errors="replace",
-            start_new_session=True,
-        ) as self._process:
-            for line in self._process.stderr or ():
-                if line.strip():
-                    self.lines[plant] = line.strip()
-        return self._process.returncode
-
-
 def _id_of(workspace: Workspace) -> str:
     """The plant's id: as its row has it, or as the next run will name it."""
     with suppress(Cotton3dgError, LookupError):
@@ -344,25 +320,33 @@ def _download(content: bytes, kind: str, name: str) -> Answer:
     return Answer(content, kind, headers={"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"})
 
 
-def _chosen(said: bytes) -> list[str]:
-    """Arguments of a command for what the page's form says; what it leaves blank stays as the plant has it.
+def _read_form(said: bytes) -> dict[str, str]:
+    """What the page's form says of preset and table; blank = as before.
 
     Raises:
-        BadUsage: the form says what no form of this version does.
+        BadUsage: no form of this version says so.
     """
     try:
         form = json.loads(said)
-        preset, sides = form.get("preset", ""), {side: form.get(side, "") for side in SIDES}
+        return {name: str(form.get(name, "")) for name in ("preset", *SIDES)}
     except (ValueError, AttributeError) as error:
         raise BadUsage("this is not what the page's form says; load the page again") from error
+
+
+def _arguments(form: Mapping[str, str]) -> list[str]:
+    """Arguments of a command for what the page's form says; what it leaves blank stays as the plant has it.
+
+    Raises:
+        BadUsage: there is no such preset or no such length.
+    """
     words = []
-    if preset:
+    if preset := form["preset"]:
         if preset not in PRESETS:
-            raise unknown(f"preset {preset!r}", str(preset), PRESETS)
+            raise unknown(f"preset {preset!r}", preset, PRESETS)
         words += ["--preset", preset]
-    for side, value in sides.items():
-        if value:
-            length_cm = parse_number(str(value).replace(",", "."))
+    for side in SIDES:
+        if value := form[side]:
+            length_cm = parse_number(value.replace(",", "."))
             if not 0 < length_cm < math.inf:
                 raise BadUsage(f"{value!r} is not a length of a table; write its centimetres as a number, like 120")
             words += ["--set", f"scale.{side}={length_cm:g}"]

@@ -14,15 +14,12 @@ import numpy as np
 from ..core.measurements import is_counted
 from ..io.tables import flags_of, parse_number
 from ..schemas.check import GREEN, VERDICTS, YELLOW, Finding
-from ..schemas.frames import FramesInfo
 from ..schemas.sfm import LensDecision
 from ..schemas.train import ExposureDecision, MotionBlurFound, RollingShutterFound
 from ..train.effects.exposure import ALIKE
 from ..traits.error_model import find_touching, nearest_neighbours
 from .facts import Facts
-from .verdicts import WELL_LIT, of_distance, of_framing, of_light, of_placed, of_scale, of_sharpness, of_walk
-
-FEW_SECONDS: Final = 15.0
+from .verdicts import WELL_LIT, of_distance, of_framing, of_length, of_light, of_placed, of_scale, of_sharpness, of_walk
 
 
 @dataclass(frozen=True)
@@ -255,6 +252,8 @@ FLAG_OF_BOLLS: Final[Mapping[str, Callable[[Mapping[str, str]], bool]]] = {
 }
 """Flag of a plant -> whether it is about a boll."""
 MOST_NAMED: Final = 8
+LARGE: Final = {"large", "unround", "too_large"}
+"""Flags of a boll that may be two."""
 
 
 def meaning(flag: str) -> Meaning:
@@ -263,8 +262,10 @@ def meaning(flag: str) -> Meaning:
 
 
 def boll_doubts(row: Mapping[str, str]) -> str:
-    """The flags of a boll in words."""
-    return "; ".join(BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in flags_of(row))
+    """The flags of a boll in words; one that a person merged is not two because it is large."""
+    merged = row.get("corrected") == "merged"
+    flags = [flag for flag in flags_of(row) if not (merged and flag in LARGE)]
+    return "; ".join(BOLL_FLAGS.get(flag, flag.replace("_", " ")) for flag in flags)
 
 
 def flagged_bolls(facts: Facts, flag: str) -> str:
@@ -308,7 +309,7 @@ def advise_on_capture(facts: Facts, bolls_px: Sequence[float] = ()) -> list[Find
         found += [of_placed(n_placed, sfm.n_frames), of_framing(len(sfm.plant_out_of_view), n_placed)]
     if frames and frames.images:
         found.append(of_sharpness(frames.images, blur_px, bolls_px))
-        found += [*(of_light(frames.images) or [WELL_LIT]), _advise_on_length(frames)]
+        found += [*(of_light(frames.images) or [WELL_LIT]), of_length(frames.video)]
     if facts.scale and facts.scale.relative_error is not None:
         found += of_scale(facts.scale, facts.warnings("scale"))
     if effects:
@@ -373,11 +374,3 @@ def _advise_on_shutter(found: RollingShutterFound | None) -> Finding | None:
     remark = "" if found.left_px < found.visible_from_px else "; walking more slowly and evenly helps"
     text = f"it moves pixels by {found.shift_px:.1f} px; the cameras' positions take up all but {found.left_px:.2f} px"
     return Finding(GREEN, "Rolling shutter", text + remark)
-
-
-def _advise_on_length(frames: FramesInfo) -> Finding | None:
-    duration_s = frames.video.duration_s if frames.video else math.nan
-    if not duration_s > 0:
-        return None
-    remark = "" if duration_s >= FEW_SECONDS else "; 20 to 60 s let you choose sharp frames from more"
-    return Finding(GREEN, "Length", f"the video is {duration_s:.0f} s long{remark}")

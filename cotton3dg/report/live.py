@@ -11,6 +11,7 @@ import hashlib
 import math
 import os
 import re
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import datetime
 from functools import cache, lru_cache
@@ -48,11 +49,16 @@ TURNS: Final = re.compile(r"^(\S+ \S+),\d+ \w+ (\w+) (starts:|begins$|done in|fa
 BEGINS: Final = ("starts:", "begins")
 
 
-def view_page(name: str, *, is_field: bool) -> bytes:
-    """The page with all plants, which fills itself by asking for their states."""
+def view_page(name: str, *, is_field: bool, usual: Mapping[str, str] | None = None) -> bytes:
+    """The page with all plants, which fills itself by asking for their states.
+
+    Args:
+        usual: what the form means for a new plant where it is blank.
+    """
     content = {
         "name": name,
         "is_field": is_field,
+        "usual": usual or {},
         "shown": SHOWN,
         "presets": PRESETS,
         "sureness": SURENESS,
@@ -120,6 +126,8 @@ def _describe(root: Path, _changed: tuple[int, ...]) -> dict[str, Any]:
     if check := _last_check(workspace):
         found["check"] = {"verdict": check.verdict, "text": check.line}
     if facts.traits:
+        table = facts.scale.table_words if facts.scale else ""
+        found["made_with"] = "; ".join(filter(None, (facts.preset, table)))
         return found | {"state": State.DONE} | give_verdict(facts, "")
     if any(item.state == State.FAILED for item in facts.stages):
         return found | {"state": State.FAILED, "verdict": RED, "text": facts.failure}

@@ -33,12 +33,12 @@ from .advice import advise_on_capture, boll_doubts, flagged_bolls, meaning
 from .facts import Facts, read_facts
 from .pictures import Pictures
 from .pointing import describe_photos
-from .verdicts import SURENESS, interval_of, of_row, rounded, sureness_of
+from .verdicts import interval_of, of_row, rounded, sureness_of, sureness_words
 
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-VERSION: Final = 9
+VERSION: Final = 10
 RECORD: Final = "report"
 TEMPLATES: Final = Path(__file__).with_name("templates")
 OWN_TITLE: Final = "– cotton3dg</title>".encode()
@@ -135,7 +135,6 @@ def plant_page(workspace: Workspace, failure: str = "") -> str:
         "verdict": give_verdict(facts, failure),
         "headline": write_headline(facts),
         "traits": trait_cards(facts),
-        "sureness": SURENESS,
         "flags": [{"name": flag, "words": meaning(flag), "bolls": flagged_bolls(facts, flag)} for flag in facts.flags],
         "counted": part("counted", pictures.counted) or [],
         "plant_maps": part("plant_map", lambda: drawn_maps(pictures)) or [],
@@ -220,10 +219,11 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
         if not math.isfinite(value):
             no_bolls = column == "boll_volume_cm3" and not counted
             why = "no scale" if "no_scale" in facts.flags else "no boll to measure" if no_bolls else "see the flags"
-            return {"name": name, "value": "–", "unit": "", "range": "", "sure": "", "note": why}
+            return {"name": name, "value": "–", "unit": "", "range": "", "sure": "", "sureness": "", "note": why}
         limits = f"{rounded(low, digits)} to {rounded(high, digits)} {unit}" if math.isfinite(low + high) else ""
         shown = {"name": name, "value": rounded(value, digits), "unit": unit, "range": limits}
-        return shown | {"sure": sureness_of(row, column) or "", "note": note}
+        sure = {"sure": sureness_of(row, column) or "", "sureness": sureness_words(row, column)}
+        return shown | sure | {"note": note}
 
     mean = parse_number(row.get("boll_volume_mean_cm3"))
     solid = [parse_number(boll.get("alpha_volume_cm3")) for boll in counted]
@@ -244,7 +244,7 @@ def trait_cards(facts: Facts) -> list[dict[str, str]]:
     count_note = "; ".join(filter(None, count_notes))
     return [
         {"name": "Bolls", "value": row.get("boll_count", "–"), "unit": "", "range": count_range, "note": count_note}
-        | {"sure": sureness_of(row, "boll_count") or ""},
+        | {"sure": sureness_of(row, "boll_count") or "", "sureness": sureness_words(row, "boll_count")},
         metric("Boll volume", "boll_volume_cm3", "cm³", 0, volume_note, table),
         metric("Plant height", "plant_height_cm", "cm", 1, "above the table top", table),
         metric("Canopy size", "canopy_size_cm", "cm", 1, canopy_note, table),

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..frames.frame_quality import BLURRED, quality_flags
 from ..io.tables import parse_number
 from ..schemas.check import GREEN, RED, YELLOW, Finding
-from ..schemas.frames import FrameInfo
+from ..schemas.frames import FrameInfo, VideoInfo
 from ..schemas.scale import ScaleInfo
 from ..sfm.registration_quality import FEW_REGISTERED_PCT, MAX_GAP_DEG
 from ..traits.error_model import blurs_bolls
@@ -25,6 +25,7 @@ from ..traits.error_model import blurs_bolls
 SMALL_BOLL_PX: Final = 10.0
 """Width in the training images below which bolls can be lost."""
 SCALE_ERROR: Final = 0.01
+FEW_SECONDS: Final = 15.0
 USUAL_PCT: Final = {
     "boll_count": 10.0,
     "boll_volume_cm3": 10.0,
@@ -37,7 +38,7 @@ USUAL_PCT: Final = {
 SURENESS: Final = {
     GREEN: "as sure as usual",
     YELLOW: "less sure than usual",
-    RED: "its interval is so wide that it says little",
+    RED: "so wide that it says little",
 }
 WIDE: Final = 3.0
 """Half-width of an interval, in usual ones, beyond which a trait says little."""
@@ -86,6 +87,14 @@ def span_of(images: Sequence[FrameInfo]) -> str:
     """` from 3 to 8 s of the film`, where the images lie; empty if that is not known."""
     times = [image.timestamp_s for image in images if image.timestamp_s is not None]
     return f" from {min(times):.0f} to {max(times):.0f} s of the film" if times else ""
+
+
+def of_length(video: VideoInfo | None) -> Finding | None:
+    """How long the film is; None for photos, or where the file does not say."""
+    if not video or not video.duration_s > 0:
+        return None
+    remark = "" if video.duration_s >= FEW_SECONDS else "; 20 to 60 s let you choose sharp frames from more"
+    return Finding(GREEN, "Length", f"the video is {video.duration_s:.0f} s long{remark}")
 
 
 def of_light(images: Sequence[FrameInfo]) -> list[Finding]:
@@ -175,6 +184,15 @@ def sureness_of(traits: Mapping[str, object], column: str) -> str | None:
     if half <= USUAL_PCT[column] / 100 * value or (column == "boll_count" and half <= 1):
         return GREEN
     return YELLOW if half <= WIDE * USUAL_PCT[column] / 100 * value else RED
+
+
+def sureness_words(traits: Mapping[str, object], column: str) -> str:
+    """How sure a trait is, in words, with the half-width where it is less sure than usual; empty where it is blank."""
+    sure = sureness_of(traits, column)
+    if sure in (None, GREEN):
+        return SURENESS.get(sure or "", "")
+    value, low, high = interval_of(traits, column)
+    return f"{SURENESS[sure]}: ± {50 * (high - low) / value:.0f} %"
 
 
 def interval_of(traits: Mapping[str, object], column: str) -> tuple[float, float, float]:

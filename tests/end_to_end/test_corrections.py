@@ -309,7 +309,7 @@ def test_they_outlive_another_model_or_are_told_not_to_apply(reported_copy):
 def test_the_command_line(reported_copy):
     told = CliRunner().invoke(app, ["correct", str(reported_copy.root), "--merge", "3,4", "--delete", "1"])
     assert told.exit_code == 0, told.output
-    assert "merge 3 + 4\ndelete 1\n2 corrections kept; bolls: 4 -> 2" in told.output
+    assert "merge 3 + 4\ndelete 1\n2 corrections kept; bolls: 4 → 2, volume: " in told.output
     content = json.loads(reported_copy.corrections_json.read_text())
     content["corrections"][1]["bolls"][0] |= {"centre_cm": [0.0, 0.0, 0.0], "centre_su": [0.0, 0.0, 0.0]}
     reported_copy.corrections_json.write_text(json.dumps(content))

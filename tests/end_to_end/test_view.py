@@ -3,6 +3,7 @@
 
 import io
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -29,6 +30,7 @@ from cotton3dg.commands.view import view
 from cotton3dg.errors import BadUsage, MissingInput
 from cotton3dg.io.local_server import BYTES, LocalServer
 from cotton3dg.io.tables import read_rows
+from cotton3dg.schemas.record import Choices
 from cotton3dg.workspace import Workspace
 
 MERGE = {"corrections": [{"kind": "merge", "bolls": [{"boll_id": 3}, {"boll_id": 4}]}]}
@@ -62,17 +64,19 @@ def test_corrections_leave_the_bytes_that_correct_leaves_and_undo_takes_them_bac
     before = bytes_of(reported_copy)
     page = page_of(reported_copy.root)
     assert page.json("plant_017/corrections") == {"kept": [], "message": ""}
-    assert page.posts("plant_017/corrections", MERGE) == (HTTPStatus.OK, {"message": "Bolls: 4 → 3"})
+    status, answer = page.posts("plant_017/corrections", MERGE)
+    assert status == HTTPStatus.OK and re.fullmatch(r"Bolls: 4 → 3, volume: \d+ → \d+ cm³", answer["message"])
     saved = tmp_path / "corrections.json"
     saved.write_text(json.dumps(MERGE))
     correct(by_command, Asked(file=saved))
     assert bytes_of(reported_copy) == bytes_of(by_command) != before
-    assert page.json("plant_017/corrections") == {"kept": ["merge 3 + 4"], "message": "Bolls: 4 → 3"}
+    assert page.json("plant_017/corrections") == {"kept": ["merge 3 + 4"]} | answer
     (plant,) = page.json("state")["plants"]
     assert plant["traits"]["boll_count"] == read_rows(reported_copy.traits_csv)[0]["boll_count"] == "3"
     content = page.gets("plant_017/report.html")[2]
     assert b'data-boll="3"' in content and b'data-boll="4"' not in content
-    assert page.posts("plant_017/undo") == (HTTPStatus.OK, {"message": "Bolls: 3 → 4"})
+    status, answer = page.posts("plant_017/undo")
+    assert status == HTTPStatus.OK and answer["message"].startswith("Bolls: 3 → 4, ")
     assert bytes_of(reported_copy) == before
     status, answer = page.posts("plant_017/undo")
     assert (status, answer["message"]) == (HTTPStatus.CONFLICT, "there is no correction to take back")
@@ -161,6 +165,13 @@ def test_the_tables_of_a_field_hold_what_was_corrected(field, page_of):
     assert status == HTTPStatus.OK and headers["Content-Disposition"].endswith("field.xlsx")
     assert pd.read_excel(io.BytesIO(content), sheet_name=0).shape[0] == len(rows)
     assert not (field / "export").exists()
+    # What is corrected later is in the tables that are shown and exported.
+    assert page.posts(f"{quote('row 1/plant_017')}/undo")[0] == HTTPStatus.OK
+    assert b",4," in page.gets("batch.csv")[2]
+    assert page.posts(f"{quote('row 1/plant_017')}/corrections", DELETE)[0] == HTTPStatus.OK
+    done = CliRunner().invoke(app, ["export", str(field), "--out", str(field.parent / "exported")])
+    assert done.exit_code == 0 and "2 plants saved" in done.output
+    assert {row["folder"]: row["boll_count"] for row in read_rows(field / "batch.csv")}["row 1/plant_017"] == "3"
     # What a batch said of a failure stays.
     text = (
         (field / "batch.csv").read_text(encoding="utf-8").replace("waiting", "failed").replace("frames: ", "broken: ")
@@ -223,12 +234,31 @@ def test_plants_are_checked_and_measured_one_at_a_time_and_told_why_not(field, p
     assert (state["state"], state["verdict"]) == ("failed", "red") and state["text"] in state["job"]
 
 
-def test_a_measurement_has_the_preset_and_the_table_of_the_form(field, page_of):
-    assert module._chosen(b"{}") == module._chosen(b'{"preset": "", "table_length_cm": ""}') == []
+def test_a_new_plant_is_measured_as_the_last_one(field, page_of, monkeypatch):
+    """The page says so, and a plant that was measured keeps what it has."""
+    page, given = page_of(field), []
+    monkeypatch.setattr(module.CommandQueue, "add", lambda self, plant, words: given.append(words[2:]))
+    measured = Workspace(field / "row 1/plant_017")
+    Choices("draft", {"scale": {"table_length_cm": 90.0}}).save(measured.choices_json)
+    assert b"a new plant: draft" in page.gets("")[2] and b'placeholder="90"' in page.gets("")[2]
+    for plant, said in (
+        ("plant_018", {}), (quote("row 1/plant_017"), {}), ("plant_018", {"preset": "paper", "table_width_cm": "40"}),
+    ):  # fmt: skip
+        assert page.posts(f"{plant}/run", said)[0] == HTTPStatus.OK
+    length, width = "scale.table_length_cm=90", "scale.table_width_cm=40"
+    assert given == [
+        ["--preset", "draft", "--set", length], [], ["--preset", "paper", "--set", length, "--set", width]
+    ]  # fmt: skip
+
+
+def test_a_measurement_has_the_preset_and_the_table_of_the_form(field, page_of, monkeypatch):
+    page, given = page_of(field), []
+    monkeypatch.setattr(module.CommandQueue, "add", lambda self, plant, words: given.append(words[2:]))
     form = {"preset": "draft", "table_length_cm": "100,5", "table_width_cm": "50"}
     words = ["--preset", "draft", "--set", "scale.table_length_cm=100.5", "--set", "scale.table_width_cm=50"]
-    assert module._chosen(json.dumps(form).encode()) == words
-    page = page_of(field)
+    for said in ({}, {"preset": "", "table_length_cm": ""}, form):
+        assert page.posts("plant_018/run", said)[0] == HTTPStatus.OK
+    assert given == [[], [], words]
     for wrong, reason in (
         ({"preset": "daft"}, "draft"), ({"table_width_cm": "wide"}, "centimetres"),
         ({"table_length_cm": "-3"}, "number"),

@@ -23,7 +23,9 @@ AXES = "document.getElementById('scene').view().axes.flat().join(' ')"
 
 def measured(browser, bolls, note):
     """Until the page has been read anew with these bolls."""
-    browser.wait(f"document.readyState === 'complete' && {BOLLS} === '{bolls}' && {NOTE} === '{note}'", ANSWER_S)
+    browser.wait(
+        f"document.readyState === 'complete' && {BOLLS} === '{bolls}' && {NOTE}.startsWith('{note},')", ANSWER_S
+    )
 
 
 def test_two_clicks_mend_a_boll_and_two_take_it_back(reported_copy, tmp_path):
@@ -40,7 +42,6 @@ def test_two_clicks_mend_a_boll_and_two_take_it_back(reported_copy, tmp_path):
         turned = browser.value(AXES)
         browser.value("addEventListener('pagehide', () => { sessionStorage.inert = document.body.inert; })")
         browser.click(*browser.middle("tr[data-boll='3'] th button"))
-        assert browser.value("document.querySelector('tr.chosen .cuts img').width") == 80
         browser.click(*browser.middle("tr[data-boll='4'] [data-mend=merge]"))
         measured(browser, "1 2 3", "Bolls: 4 → 3")
         # A click on the page that goes would be lost. The one that comes shows the plant as it was turned.
@@ -118,16 +119,20 @@ def test_a_dropped_film_ends_as_a_row(filmed, tmp_path):
         browser.write("plant_031")
         browser.click(*browser.middle("#add button"))
         browser.wait("document.querySelectorAll('#plants tr').length === 1", ANSWER_S)
-        browser.click(*browser.middle("#plants button:nth-of-type(2)"))
+        browser.click(*browser.middle("#plants [data-job=run]"))
+        browser.wait("!document.querySelector('[data-job=stop]').hidden", ANSWER_S)
+        browser.click(*browser.middle("#plants [data-job=stop]"))
+        browser.wait("document.querySelector('[data-job=stop]').hidden", ANSWER_S)
+        browser.click(*browser.middle("#plants [data-job=run]"))
         browser.wait("document.querySelector('#plants td').textContent.includes('done')", ANSWER_S)
         (row,) = read_rows(field / "plant_031" / "traits" / "traits.csv")
         assert int(row["boll_count"]) > 1 and row["plant_id"] == "plant_031"
         assert row["boll_count"] in browser.value(shown)
         browser.click(*browser.middle("#plants a"))
-        browser.wait("document.readyState === 'complete' && document.getElementById('mending').hidden", ANSWER_S)
+        browser.wait("document.readyState === 'complete' && document.getElementById('mending')?.hidden", ANSWER_S)
         browser.click(*browser.middle("tr[data-boll='1'] [data-mend=delete]"))
         fewer = str(int(row["boll_count"]) - 1)
-        browser.wait(f"document.readyState === 'complete' && {NOTE}.endsWith(' → {fewer}')", ANSWER_S)
+        browser.wait(f"document.readyState === 'complete' && {NOTE}.includes(' → {fewer},')", ANSWER_S)
         (corrected,) = read_rows(field / "plant_031" / "traits" / "traits.csv")
         assert corrected["boll_count"] == fewer
         assert browser.complaints == []

@@ -64,7 +64,7 @@ def options_line(err):
 
 
 def change_line(err):
-    start = "changed since the last run: "
+    start = "changed since the last time: "
     return next((line.removeprefix(start) for line in err if line.startswith(start)), "")
 
 

@@ -113,7 +113,7 @@ def test_the_status_of_an_old_plant_says_what_is_stale_and_why(old_plant):
 def test_a_run_of_an_old_plant_makes_its_stages_again_with_what_replaces_it(old_plant):
     told = CliRunner().invoke(app, ["run", str(old_plant.root), "--no-report"])
     assert told.exit_code == 0
-    assert "changed since the last run: masks.backend lint -> bolls" in told.output
+    assert "changed since the last time: masks.backend lint -> bolls" in told.output
     assert "scale: up to date" in told.output and "masks: starts" in told.output
     assert old_plant.read_record("masks").options["backend"] == "bolls"
     assert old_plant.read_record("cluster").options["method"] == "votes"

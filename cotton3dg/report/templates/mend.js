@@ -15,6 +15,7 @@ const corrections = (() => {
     list.replaceChildren(...texts.map(text => Object.assign(document.createElement("li"), { textContent: text })));
     panel.hidden = !texts.length && !(served && note.textContent);
     undo.disabled = served && !kept.length;
+    if (served) document.getElementById("to_save").textContent = kept.length ? "Corrected and saved" : "No corrections any more";
     list.scrollTop = list.scrollHeight;
     for (const listener of listeners) listener(items);
   }
@@ -37,7 +38,6 @@ const corrections = (() => {
 
   if (served) {
     [save.hidden, note.textContent] = [true, ""];
-    document.getElementById("to_save").textContent = "Corrected and saved";
     fetch("corrections").then(answer => answer.json()).then(answer => {
       kept = answer.kept ?? [];
       if (!left) note.textContent = answer.message;

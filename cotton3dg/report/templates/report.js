@@ -33,6 +33,7 @@ const picking = (() => {
     if (first && first !== id && row) mend("merge", [first, id]);
     for (const [other, own] of rows) {
       own.classList.toggle("chosen", other === id);
+      own.querySelector("[data-mend=merge]").disabled = other === id;  // with itself
       own.querySelector("button").setAttribute("aria-pressed", String(other === id));
     }
     if (row && panel) describe(row, id);
@@ -69,6 +70,7 @@ const picking = (() => {
     tools.className = "tools";
     for (const button of row.querySelectorAll("[data-mend]")) {
       const own = button.cloneNode(true);
+      own.disabled = false;
       own.addEventListener("click", () => {
         if (own.dataset.mend !== "merge") return mend(own.dataset.mend, [id]);
         merging = id;

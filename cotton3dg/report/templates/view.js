@@ -8,7 +8,8 @@
   const heads = [...body.parentElement.tHead.rows[0].cells].map(head => head.textContent.trim());
   const rows = new Map();
   const overview = document.getElementById("overview");
-  const say = text => { document.getElementById("message").textContent = text; };
+  const message = document.getElementById("message");
+  const say = (text, kind = "") => { [message.textContent, message.className] = [text, kind]; };
   const path = (...parts) => parts.flatMap(part => part.split("/")).map(encodeURIComponent).join("/");
   const make = (name, properties = {}) => Object.assign(document.createElement(name), properties);
 
@@ -30,7 +31,7 @@
       await act(event.currentTarget);
       await look();
     } catch (error) {
-      say(error.message);
+      say(error.message, "red");
     }
   };
 
@@ -44,8 +45,9 @@
     for (const cell of [...row.cells].slice(2, 2 + traits.length)) cell.className = "n";
     const tools = make("div", { className: "tools" });
     row.lastChild.append(tools);
-    for (const [job, words] of [["check", "Check the film"], ["run", "Measure"]]) {
+    for (const [job, words] of [["check", "Check the film"], ["run", "Measure"], ["stop", "Stop"]]) {
       const button = make("button", { type: "button", textContent: words });
+      button.dataset.job = job;
       button.addEventListener("click", does(() => ask(path(plant, job), chosen())));
       tools.append(button);
     }
@@ -74,19 +76,25 @@
     row.cells[0].replaceChildren(has("report.html") ? link(found.plant, "report.html", found.shown) : found.shown);
     const busy = found.busy || found.state === "working";
     const last = found.job && !found.job.includes(found.text) ? `${found.text}; ${found.job}` : found.text;
-    // A stage at work is known by the run's own log; what else a job says, it says before and after.
-    const words = busy ? `working: ${found.state === "working" ? found.text : found.job || found.text}` : `${found.state}: ${last}`;
-    row.cells[1].replaceChildren(make("span", { className: found.verdict, textContent: words }));
+    // How far a job of this page is, it says itself; of other runs only the log is there.
+    const now = found.job || (found.state === "working" ? found.text : "begins");
+    const words = busy ? `working: ${now}` : `${found.state}: ${last}`;
+    const made = !busy && found.made_with && make("span", { className: "soft", textContent: found.made_with });
+    row.cells[1].replaceChildren(make("span", { className: found.verdict, textContent: words }), ...(made ? [make("br"), made] : []));
     traits.forEach((name, n) => row.cells[2 + n].replaceChildren(...trait(found, name)));
     if (found.check && has("check/check.html")) {
       const film = make("span", { className: found.check.verdict });
-      film.append(link(found.plant, "check/check.html", found.check.verdict), ` ${found.check.text}`);
+      // A first count beside the true one would only confuse.
+      film.append(link(found.plant, "check/check.html", found.check.verdict), found.state === "done" ? "" : ` ${found.check.text}`);
       row.cells[2 + traits.length].replaceChildren(film);
     }
-    for (const button of row.lastChild.querySelectorAll("button")) button.disabled = busy;
+    for (const button of row.lastChild.querySelectorAll("button")) {
+      if (button.dataset.job === "stop") button.hidden = !found.busy;
+      else button.disabled = busy;
+    }
     const tools = row.lastChild.firstChild;
     if (has("traits/traits.csv") && !tools.querySelector("a")) {
-      tools.append(link(found.plant, "traits/traits.csv", "Row"), link(found.plant, "traits/bolls.csv", "Bolls"));
+      tools.append(link(found.plant, "traits/traits.csv", "Row (CSV)"), link(found.plant, "traits/bolls.csv", "Bolls (CSV)"));
     }
     return row;
   }
@@ -100,7 +108,7 @@
   }
 
   async function follow() {
-    if (!document.hidden) await look().catch(error => say(error.message));
+    if (!document.hidden) await look().catch(error => say(error.message, "red"));
     setTimeout(follow, EVERY_MS);
   }
 
@@ -131,7 +139,8 @@
       const answer = await fetch(saves);
       if (!answer.ok) throw new Error((await answer.json()).message);
       location.assign(saves);
-      say(`${saves} is in your downloads.`);
+      const name = decodeURIComponent(answer.headers.get("Content-Disposition").split("''")[1]);
+      say(`${name} is in your downloads.`);
     }));
   }
 

@@ -83,8 +83,16 @@ def test_a_row_on_results_that_are_out_of_date_is_not_shown(finished, tmp_path, 
     assert not any(line.startswith("●") for line in rest)
 
 
+def test_an_unsure_trait_has_another_mark_and_its_half_width(ending, capsys) -> None:
+    """Where there is no colour, the mark's shape says it."""
+    words = "less sure than usual: ± 14 %"
+    unsure = {**ending.cards[1], "sure": "yellow", "sureness": words}
+    line = told(replace(ending, cards=[unsure]), capsys)[1]
+    assert line.startswith("■ Boll volume") and line.endswith(words)
+
+
 def test_a_blank_trait_says_why(ending, capsys) -> None:
-    blank = {"name": "Plant height", "value": "–", "unit": "", "range": "", "sure": "", "note": "no scale"}
+    blank = {"name": "Plant height", "value": "–", "unit": "", "range": "", "sure": "", "sureness": "", "note": "no scale"}
     line = told(replace(ending, cards=[blank]), capsys)[1]
     assert line.split() == ["Plant", "height", "–", "no", "scale"]
 

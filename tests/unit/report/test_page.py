@@ -52,7 +52,8 @@ def test_a_wide_interval_is_told(cells: dict[str, str], words: str) -> None:
 )
 def test_a_mark_on_the_card_says_how_sure_a_trait_is(low: str, high: str, sure: str) -> None:
     cells = {"boll_volume_cm3": "200", "boll_volume_low_cm3": low, "boll_volume_high_cm3": high}
-    assert trait_cards(facts(**cells))[1]["sure"] == sure
+    card = trait_cards(facts(**cells))[1]
+    assert card["sure"] == sure and ("±" in card["sureness"]) == (sure in ("yellow", "red"))
     assert bool(find_unsure({**SURE, **cells})) == (sure in ("yellow", "red"))
 
 

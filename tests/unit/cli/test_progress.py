@@ -40,8 +40,9 @@ def test_the_time_left_does_not_count_what_an_interrupted_run_had_done(clock, ca
         show(done_before + 10 * seconds, 30_000, "loss 0.01")
     starts, *told = capsys.readouterr().err.splitlines()
     assert starts == "train: starts"
-    left_s = (30_000 - done_before - 10 * PLAIN_INTERVAL_S) / 10
-    assert told[0] == f"train: {done_before + 10 * int(PLAIN_INTERVAL_S)}/30000 loss 0.01, about {left_s / 60:.1f} min left"
+    done = done_before + 10 * int(PLAIN_INTERVAL_S)
+    left_s = (30_000 - done) / 10
+    assert told[0] == f"train: {done}/30000 loss 0.01, about {left_s / 60:.1f} min left"
     assert len(told) == 2
 
 

@@ -92,7 +92,7 @@ def test_an_unsure_trait_has_another_mark_and_its_half_width(ending, capsys) -> 
 
 
 def test_a_blank_trait_says_why(ending, capsys) -> None:
-    blank = {"name": "Plant height", "value": "–", "unit": "", "range": "", "sure": "", "sureness": "", "note": "no scale"}
+    blank = dict.fromkeys(ending.cards[2], "") | {"name": "Plant height", "value": "–", "note": "no scale"}
     line = told(replace(ending, cards=[blank]), capsys)[1]
     assert line.split() == ["Plant", "height", "–", "no", "scale"]
 

@@ -37,8 +37,8 @@ SETS: Final = {
 """Name of a set -> its description."""
 README_PLANTS: Final = ("plain-a", "cluster-c", "odd-g")
 README_SETS: Final = {
-    "study": "plants of the program's own simulator",
-    "odd": "more with odd bolls, bad light, white things on the table",
+    "touching": "plants of the program's own simulator, most of whose bolls touch",
+    "study": "others of the simulator",
 }
 EARLIER: Final = "earlier: "
 STAGES_SHOWN: Final = ("frames", "sfm", "train", "masks", "traits")

@@ -110,7 +110,7 @@ class Desk:
         self.is_field = not _is_plant(self.root)
         self._save_tables = save_tables
         self._messages: dict[Path, str] = {}
-        """Folder of a plant -> the outcome of its last correction."""
+        """Folder of a plant -> the outcome of its last correction, until a page has shown it."""
         self._saving = threading.Lock()
         """One change at a time: the log of a run is the whole program's."""
         self._taking = threading.Lock()
@@ -159,7 +159,7 @@ class Desk:
             return self._workbook()
         workspace, rest = self._find(parts)
         if rest == CORRECTIONS:
-            return as_json({"kept": kept_texts(workspace), "message": self._messages.get(workspace.root, "")})
+            return as_json({"kept": kept_texts(workspace), "message": self._messages.pop(workspace.root, "")})
         if rest == "report.html":
             self._renew(workspace)
         if rest in OF_PLANT:

@@ -15,6 +15,7 @@ from ..errors import DOUBTFUL, BadUsage, CaptureFailed
 DONE_WITH: Final = {"check": (0, DOUBTFUL, CaptureFailed.exit_code), "run": (0,)}
 """Command -> exit codes with which it has done its work."""
 WAITS: Final = "waits for its turn"
+STOPPED: Final = "stopped; the same button goes on from there"
 FAR: Final = re.compile(r"(\w+)(?: \((\d+ of \d+)\))?: (\d+)/([1-9]\d*)\b.*?(, about [^,]+ left)?$")
 """A line of a command that says how far it is."""
 
@@ -56,6 +57,8 @@ class CommandQueue:
 
     def text(self, plant: str) -> str:
         """How far the work on a plant is, or why it came to nothing; may be empty."""
+        if plant in self._stopped:
+            return "stops"
         line = self._lines.get(plant, "")
         return line if plant not in self.asked or line == WAITS else how_far(line)
 
@@ -79,8 +82,11 @@ class CommandQueue:
             if self._ended.is_set():
                 return
             self._works_on, self._lines[plant] = plant, ""
-            if plant in self._stopped or self._run(plant, words) in DONE_WITH[words[0]] or plant in self._stopped:
+            done = plant not in self._stopped and self._run(plant, words) in DONE_WITH[words[0]]
+            if done:
                 del self._lines[plant]
+            elif plant in self._stopped:
+                self._lines[plant] = STOPPED
             self._works_on = ""
             self._stopped.discard(plant)
             self.asked.discard(plant)

@@ -15,7 +15,7 @@ const corrections = (() => {
     list.replaceChildren(...texts.map(text => Object.assign(document.createElement("li"), { textContent: text })));
     panel.hidden = !texts.length && !(served && note.textContent);
     undo.disabled = served && !kept.length;
-    if (served) document.getElementById("to_save").textContent = kept.length ? "Corrected and saved" : "No corrections any more";
+    if (served) document.getElementById("to_save").textContent = texts.length ? "Corrected and saved" : "No corrections any more";
     list.scrollTop = list.scrollHeight;
     for (const listener of listeners) listener(items);
   }

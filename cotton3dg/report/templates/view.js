@@ -77,7 +77,7 @@
     const busy = found.busy || found.state === "working";
     const last = found.job && !found.job.includes(found.text) ? `${found.text}; ${found.job}` : found.text;
     // How far a job of this page is, it says itself; of other runs only the log is there.
-    const now = found.job || (found.state === "working" ? found.text : "begins");
+    const now = found.job || (found.state === "working" ? found.text : "at work");
     const words = busy ? `working: ${now}` : `${found.state}: ${last}`;
     const made = !busy && found.made_with && make("span", { className: "soft", textContent: found.made_with });
     row.cells[1].replaceChildren(make("span", { className: found.verdict, textContent: words }), ...(made ? [make("br"), made] : []));
@@ -85,7 +85,7 @@
     if (found.check && has("check/check.html")) {
       const film = make("span", { className: found.check.verdict });
       // A first count beside the true one would only confuse.
-      film.append(link(found.plant, "check/check.html", found.check.verdict), found.state === "done" ? "" : ` ${found.check.text}`);
+      film.append(link(found.plant, "check/check.html", found.check.verdict), found.state === "done" && found.check.verdict === "green" ? "" : ` ${found.check.text}`);
       row.cells[2 + traits.length].replaceChildren(film);
     }
     for (const button of row.lastChild.querySelectorAll("button")) {
@@ -119,11 +119,11 @@
     const kinds = film.accept.split(",");
     if (!kinds.some(kind => film.files[0].name.toLowerCase().endsWith(kind))) throw new Error(`A film ends in ${kinds.join(", ")}.`);
     const name = plant.value.trim();
-    if (/[/\\]/.test(name)) throw new Error("Name the plant without / and \\: its folder gets this name.");
+    if (/[/\\]/.test(name)) throw new Error("Name the plant without / and \\.");
     say("The film is copied …");
-    await ask(path(name, film.files[0].name), film.files[0], "application/octet-stream");
+    const { plant: folder } = await ask(path(name, film.files[0].name), film.files[0], "application/octet-stream");
     form.reset();
-    say(`${name} is there. Check its film, or measure it.`);
+    say(`${name} is there${folder === name ? "" : `, in the folder ${folder}`}. Check its film, or measure it.`);
   }));
   for (const name of ["dragover", "drop"]) {
     document.addEventListener(name, event => {

@@ -6,7 +6,7 @@ import time
 import pytest
 
 from cotton3dg.errors import BadUsage
-from cotton3dg.io.command_queue import WAITS, CommandQueue, how_far
+from cotton3dg.io.command_queue import STOPPED, WAITS, CommandQueue, how_far
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ def until_idle(queue):
     raise AssertionError(queue.asked)
 
 
-def test_work_that_fails_says_why_and_what_is_stopped_says_nothing(tmp_path):
+def test_work_that_fails_says_why_and_what_is_stopped_says_so(tmp_path):
     queue = CommandQueue()
     try:
         queue.add("first", ["run", str(tmp_path / "nowhere")])
@@ -41,9 +41,10 @@ def test_work_that_fails_says_why_and_what_is_stopped_says_nothing(tmp_path):
             queue.add("second", ["run", str(tmp_path)])
         assert queue.text("second") == WAITS
         queue.stop("second")
+        assert queue.text("second") in ("stops", STOPPED)
         queue.stop("third")
         until_idle(queue)
-        assert "does not exist" in queue.text("first") and queue.text("second") == ""
+        assert "does not exist" in queue.text("first") and queue.text("second") == STOPPED
         queue.add("second", ["run", str(tmp_path / "nowhere else")])
         until_idle(queue)
         assert "does not exist" in queue.text("second")

@@ -25,6 +25,7 @@ from urllib.parse import quote
 
 from ..choices import choose
 from ..errors import BadInput, BadUsage, Cotton3dgError, unknown
+from ..field.tables import TABLE
 from ..identity.names import folder_name, id_problem
 from ..io.command_queue import DONE_WITH, CommandQueue
 from ..io.local_server import HTML, Answer, LocalServer, Refused, Request, as_json
@@ -47,7 +48,6 @@ OF_PLANT: Final = {
     "traits/bolls.csv": CSV,
     "traits/branches.csv": CSV,
 }
-TABLE: Final = "batch.csv"
 OF_FIELD: Final = {
     "index.html": HTML,
     TABLE: CSV,
@@ -249,7 +249,8 @@ class Desk:
         if what in DONE_WITH:
             form = _read_form(request.read())
             if not workspace.choices_json.is_file():  # a new plant is measured as the one before it
-                form = {name: value or self._usual().get(name, "") for name, value in form.items()}
+                usual = self._usual()
+                form = {name: value or usual.get(name, "") for name, value in form.items()}
             self._jobs.add(plant, [what, str(workspace.root), *_arguments(form)])
             return as_json({})
         if what == STOP:
@@ -324,7 +325,7 @@ def _read_form(said: bytes) -> dict[str, str]:
     """What the page's form says of preset and table; blank = as before.
 
     Raises:
-        BadUsage: no form of this version says so.
+        BadUsage: the content is not that of this version's form.
     """
     try:
         form = json.loads(said)
@@ -337,7 +338,7 @@ def _arguments(form: Mapping[str, str]) -> list[str]:
     """Arguments of a command for what the page's form says; what it leaves blank stays as the plant has it.
 
     Raises:
-        BadUsage: there is no such preset or no such length.
+        BadUsage: the form has an unknown preset, or a length that is not a positive number.
     """
     words = []
     if preset := form["preset"]:

@@ -71,6 +71,7 @@ def test_corrections_leave_the_bytes_that_correct_leaves_and_undo_takes_them_bac
     correct(by_command, Asked(file=saved))
     assert bytes_of(reported_copy) == bytes_of(by_command) != before
     assert page.json("plant_017/corrections") == {"kept": ["merge 3 + 4"]} | answer
+    assert page.json("plant_017/corrections")["message"] == "", "it is shown once"
     (plant,) = page.json("state")["plants"]
     assert plant["traits"]["boll_count"] == read_rows(reported_copy.traits_csv)[0]["boll_count"] == "3"
     content = page.gets("plant_017/report.html")[2]

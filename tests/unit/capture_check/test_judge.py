@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +34,15 @@ def test_a_table_of_assumed_size_is_named_and_no_fault_of_the_film(cameras: list
     found = judge(replace(look, scale=replace(look.scale, info=info)), 960, 1.0)
     assert found.verdict == GREEN
     assert "scale to 0.2 %, table taken as 120 x 60 cm" in found.line
+
+
+@pytest.mark.parametrize(("duration_s", "remarks"), [(8.5, 1), (40.0, 0), (math.nan, 0)])
+def test_a_short_film_is_green_with_a_remark(cameras: list[Camera], duration_s: float, remarks: int) -> None:
+    frames = frames_info([frame_info(camera.name) for camera in cameras])
+    assert frames.video
+    short = replace(frames, video=replace(frames.video, duration_s=duration_s))
+    info = judge(replace(look_of(cameras), frames=short), 960, 1.0)
+    assert info.verdict == GREEN and info.line.count("s long; 20 to 60 s") == remarks
 
 
 def test_the_report_judges_as_the_check_does(cameras: list[Camera]) -> None:

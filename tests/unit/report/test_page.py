@@ -7,7 +7,7 @@ import pytest
 
 from cotton3dg.option_rules import as_dict
 from cotton3dg.options import PRESET_VALUES, PRESETS, resolve
-from cotton3dg.report.advice import flagged_bolls
+from cotton3dg.report.advice import boll_doubts, flagged_bolls
 from cotton3dg.report.facts import Facts, preset_of
 from cotton3dg.report.page import format_figure, give_verdict, trait_cards, write_headline
 from cotton3dg.report.verdicts import find_unsure, of_row, rounded
@@ -157,3 +157,9 @@ def test_flags_about_bolls_name_them() -> None:
         replace(plant, bolls=[bolls[3] | {"boll_id": str(n)} for n in range(11)]), "doubtful_bolls"
     ).endswith("boll 7 and 3 more")
     assert flagged_bolls(replace(plant, bolls=[]), "touching_bolls") == ""
+
+
+def test_a_boll_that_a_person_merged_is_not_doubted_for_its_size() -> None:
+    row = {"qc_flags": "large|few_views", "corrected": "merged"}
+    assert boll_doubts(row).startswith("fewer than three images")
+    assert boll_doubts({**row, "corrected": ""}).startswith("much larger than the others")

@@ -107,16 +107,18 @@ def view(
 
 
 def export(
-    folder: Annotated[Path, given(help="field of measured plants")],
+    folder: Annotated[Path, given(help="field that `batch` has run")],
     format_: Annotated[str, choice("--format", known=FORMATS, help="of the files", default="xlsx")] = "xlsx",
     out: Annotated[Path | None, typer.Option(help="folder for the files; default: export/FORMAT in the field")] = None,
 ) -> None:
     """Save a field's tables for breeding databases and spreadsheets."""
     from ..batch import save_tables
     from ..commands.export import export as write
+    from ..field.tables import TABLE
 
     with report_errors(folder):
-        save_tables(folder)
+        if (folder / TABLE).is_file():  # any other folder stays as it is
+            save_tables(folder)
         typer.echo(write(folder, format_, out))
 
 

@@ -11,8 +11,10 @@ from datetime import datetime
 import pytest
 from openpyxl import load_workbook
 from scenes.tiny_plant import ROOT
+from typer.testing import CliRunner
 
 from cotton3dg.batch import find_plants
+from cotton3dg.cli.app import app
 from cotton3dg.commands.export import FORMATS, export
 from cotton3dg.core.columns import Column
 from cotton3dg.errors import BadUsage, MissingInput
@@ -280,3 +282,11 @@ def test_an_export_is_no_plant_and_what_is_wrong_is_told(field, tmp_path):
     with pytest.raises(BadUsage, match=r"\[Lab\] is unknown"):
         export(field, "brapi")
     assert read_field(field).species({"species": "G. barbadense"}) == "hirsutum"  # no such column
+
+
+def test_nothing_is_written_into_a_folder_that_no_batch_has_run(tmp_path):
+    (tmp_path / "plant_1").mkdir()
+    (tmp_path / "plant_1" / "walk.mp4").write_bytes(b"film")
+    done = CliRunner().invoke(app, ["export", str(tmp_path)])
+    assert done.exit_code == MissingInput.exit_code and "batch" in done.output
+    assert [path.name for path in tmp_path.iterdir()] == ["plant_1"]

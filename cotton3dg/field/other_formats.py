@@ -8,6 +8,7 @@ import io
 from typing import Any, Final
 
 from ..core.columns import Column
+from ..io.tables import is_number
 from .study import Study
 from .tables import BOLL_TABLE, FITS_TABLE, MEANS_TABLE, TABLE, TRAIT_COLUMNS, Field, Sheets, observed, shown
 
@@ -29,7 +30,7 @@ def cottongen_sheets(field: Field, study: Study) -> Sheets:
         cells += [field.role(row, role) for role in COTTONGEN_ROLES.values()]
         rows.append([*cells, field.role(row, "season") or date[:4], date, *(row[column.name] for column in traits)])
     descriptors = [
-        [column.name, "numeric" if column.unit else "text", column.ontology, column.scale_name, column.description]
+        [column.name, "numeric" if is_number(column) else "text", column.ontology, column.scale_name, column.description]
         for column in traits
     ]
     return {
@@ -82,7 +83,7 @@ def data_package(field: Field) -> dict[str, Any]:
 
 
 def _field(column: Column) -> dict[str, Any]:
-    kind = "string" if not column.unit else "integer" if column.digits is None else "number"
+    kind = "string" if not is_number(column) else "integer" if column.digits is None else "number"
     descriptor: dict[str, Any] = {"name": column.name, "type": kind, "description": column.description}
     if column.unit:
         descriptor["unit"] = column.unit

@@ -16,16 +16,16 @@ DONE_WITH: Final = {"check": (0, DOUBTFUL, CaptureFailed.exit_code), "run": (0,)
 """Command -> exit codes with which it has done its work."""
 WAITS: Final = "waits for its turn"
 STOPPED: Final = "stopped; the same button goes on from there"
-FAR: Final = re.compile(r"(\w+)(?: \((\d+ of \d+)\))?: (\d+)/([1-9]\d*)\b.*?(, about [^,]+ left)?$")
-"""A line of a command that says how far it is."""
+FAR: Final = re.compile(r"(\w+)(?: \(\d+ of \d+\))?: (\d+)/([1-9]\d*)\b.*?(, about [^,]+ left)?$")
+"""A line of a command that says how far it is. Its place among the stages counts only those that this command runs."""
 
 
 def how_far(line: str) -> str:
-    """`train, stage 3 of 8, 47 %, about 40 s left` for a line of a command; empty if it does not say."""
+    """`train, 47 %, about 40 s left` for a line of a command; empty if it does not say."""
     if not (far := FAR.match(line)):
         return ""
-    name, place, done, total, left = far.groups("")
-    return f"{name}{place and f', stage {place}'}, {min(99, 100 * int(done) // int(total))} %{left}"
+    name, done, total, left = far.groups("")
+    return f"{name}, {min(99, 100 * int(done) // int(total))} %{left}"
 
 
 class CommandQueue:

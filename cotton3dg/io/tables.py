@@ -101,7 +101,7 @@ def frame_of(rows: Sequence[Mapping[str, str]], columns: Sequence[Column]) -> Da
     import pandas as pd
 
     frame = pd.DataFrame(rows, columns=list(rows[0]) if rows else [column.name for column in columns])
-    text = {column.name for column in columns if not column.unit} - COUNTING
+    text = {column.name for column in columns if not is_number(column)}
     for name in frame.columns.difference(text):
         is_blank = frame[name] == ""
         numbers = pd.to_numeric(frame[name].mask(is_blank), errors="coerce")
@@ -144,15 +144,20 @@ def parse_number(cell: Any) -> float:
         return math.nan
 
 
+def is_number(column: Column) -> bool:
+    """Whether the cells of a column are numbers, else text."""
+    return bool(column.unit) or column.name in COUNTING
+
+
 def value_of(cell: str, column: Column) -> Any:
-    """The value of a cell, which `csv_text` writes again unchanged; cells of columns without a unit are text.
+    """The value of a cell, which `csv_text` writes again unchanged.
 
     Raises:
         BadInput: a cell that should hold a number does not.
     """
     if not cell:
         return None
-    if not column.unit:
+    if not is_number(column):
         return cell
     try:
         return float(cell) if column.digits is not None else int(cell)

@@ -127,7 +127,9 @@ def _describe(root: Path, _changed: tuple[int, ...]) -> dict[str, Any]:
         found["check"] = {"verdict": check.verdict, "text": check.line}
     if facts.traits:
         table = facts.scale.table_words if facts.scale else ""
-        found["made_with"] = "; ".join(filter(None, (facts.preset, table)))
+        corrections = int(facts.traits.get("corrections") or 0)
+        by_hand = f"{corrections} correction{'s' * (corrections > 1)} by hand" if corrections else ""
+        found["made_with"] = "; ".join(filter(None, (facts.preset, table, by_hand)))
         return found | {"state": State.DONE} | give_verdict(facts, "")
     if any(item.state == State.FAILED for item in facts.stages):
         return found | {"state": State.FAILED, "verdict": RED, "text": facts.failure}

@@ -38,7 +38,7 @@ from .verdicts import interval_of, of_row, rounded, sureness_of, sureness_words
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-VERSION: Final = 10
+VERSION: Final = 11
 RECORD: Final = "report"
 TEMPLATES: Final = Path(__file__).with_name("templates")
 OWN_TITLE: Final = "– cotton3dg</title>".encode()

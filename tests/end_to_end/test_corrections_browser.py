@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Corrections made in the report's page in a real browser, by real input events, and replayed."""
 
+import json
 import shutil
 import time
 
@@ -63,6 +64,35 @@ def click_in_photo(browser, pane, camera, point, off_px=0.0):
         f"(b => [b.x, b.y, b.width, b.height])(document.querySelector('{figure} svg').getBoundingClientRect())"
     )
     browser.click(left + x / camera.width * width, top + (y + off_px) / camera.height * height)
+
+
+OVERLAPS = """
+[...document.querySelectorAll('.pane')].map(pane => {
+  const boxes = [...pane.querySelectorAll('text.known')].map(text => text.getBoundingClientRect());
+  const apart = (a, b) => a.right <= b.left || b.right <= a.left || a.bottom <= b.top + 3 || b.bottom <= a.top + 3;
+  return [pane.querySelectorAll('circle').length, boxes.length, boxes.filter((a, n) => boxes.some((b, m) => m > n && !apart(a, b))).length];
+})"""
+"""Of each photo: dots, numbers, and numbers that lie on another."""
+
+
+def test_numbers_in_photos_do_not_lie_on_each_other(reported_copy, tmp_path):
+    """Two bolls that a photo shows near each other: one number until the photo is enlarged, a dot for each boll."""
+    page = reported_copy.report_html.read_text(encoding="utf-8")
+    begin = page.index('id="photos_data"')
+    begin, end = page.index(">", begin) + 1, page.index("</script>", begin)
+    data = json.loads(page[begin:end])
+    _, x, y, z = data["bolls"][0]
+    data["bolls"].append([99, x, y, z + 0.9])
+    reported_copy.report_html.write_text(page[:begin] + json.dumps(data) + page[end:], encoding="utf-8")
+    with Browser(tmp_path / "profile", webgl=False) as browser:
+        browser.open(reported_copy.report_html, 400, 800)
+        for dots, numbers, overlaps in browser.value(OVERLAPS):
+            assert dots == len(data["bolls"]) and overlaps == 0 and numbers < dots
+        for _ in range(5):
+            browser.click(*browser.middle(".pane [data-act=closer]"))
+        dots, numbers, overlaps = browser.value(OVERLAPS)[0]
+        assert numbers == dots == len(data["bolls"]) and overlaps == 0
+        assert browser.complaints == []
 
 
 @pytest.mark.parametrize("width", [1280, 400])

@@ -165,6 +165,10 @@ def test_the_tables_of_a_field_hold_what_was_corrected(field, page_of):
     status, headers, content = page.gets("workbook.xlsx")
     assert status == HTTPStatus.OK and headers["Content-Disposition"].endswith("field.xlsx")
     assert pd.read_excel(io.BytesIO(content), sheet_name=0).shape[0] == len(rows)
+    bolls = pd.read_excel(io.BytesIO(content), sheet_name="bolls")
+    assert len(bolls) and bolls["boll_id"].dtype == int
+    made = {plant["plant"]: plant.get("made_with", "") for plant in page.json("state")["plants"]}
+    assert made["row 1/plant_017"].endswith("; 1 correction by hand") and "by hand" not in made["plant_018"]
     assert not (field / "export").exists()
     # What is corrected later is in the tables that are shown and exported.
     assert page.posts(f"{quote('row 1/plant_017')}/undo")[0] == HTTPStatus.OK

@@ -201,7 +201,7 @@
       const px = photo.size[0] / pane.zoom / (pane.svg.clientWidth || 640);  // on the screen
       const parts = [];
       const label = (at, text, kind) => parts.push(make("text", {
-        x: at[0] + 9 * px, y: at[1] + 5 * px, style: `font-size: ${14 * px}px`, class: kind,
+        x: at[0] + 5 * px, y: at[1] + 5 * px, style: `font-size: ${14 * px}px`, class: kind,
       }, text));
       const cross = (at, kind) => parts.push(make("path", {
         d: `M${at[0] - 9 * px} ${at[1]}h${18 * px}M${at[0]} ${at[1] - 9 * px}v${18 * px}`, class: kind, "stroke-width": 2 * px,
@@ -210,9 +210,14 @@
         const seen = places.map(place => project(photo, place)).filter(Boolean);
         if (seen.length > 1) parts.push(make("path", { d: "M" + seen.map(at => at.join(" ")).join("L"), class: kind, "stroke-width": 2 * px }));
       };
-      for (const [id, ...place] of data.bolls) {
-        const at = project(photo, place);
-        if (at) label(at, id, "known");
+      // The nearest bolls first: a number that would lie on another is not drawn until the photo is enlarged.
+      const known = data.bolls.map(([id, ...place]) => ({ id, at: project(photo, place), away: length(minus(place, photo.centre)) }));
+      const numbered = [];
+      for (const { id, at } of known.filter(({ at }) => at).sort((a, b) => a.away - b.away)) {
+        parts.push(make("circle", { cx: at[0], cy: at[1], r: 2.5 * px, "stroke-width": px }));
+        if (numbered.some(other => Math.abs(at[0] - other[0]) < 22 * px && Math.abs(at[1] - other[1]) < 15 * px)) continue;
+        numbered.push(at);
+        label(at, id, "known");
       }
       if (data.corners.length) {
         line([...data.corners, data.corners[0]], "outline");

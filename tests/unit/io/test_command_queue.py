@@ -12,8 +12,8 @@ from cotton3dg.io.command_queue import STOPPED, WAITS, CommandQueue, how_far
 @pytest.mark.parametrize(
     ("line", "text"),
     [
-        ("train (3 of 8): 700/1500 loss 0.03, about 40 s left", "train, stage 3 of 8, 46 %, about 40 s left"),
-        ("sfm (2 of 8): 5/60", "sfm, stage 2 of 8, 8 %"),
+        ("train (3 of 8): 700/1500 loss 0.03, about 40 s left", "train, 46 %, about 40 s left"),
+        ("sfm (2 of 8): 5/60", "sfm, 8 %"),
         ("check: 12/12, about 1 s left", "check, 99 %, about 1 s left"),
         ("train: starts", ""),
         ("options: preset draft (command line)", ""),

@@ -29,9 +29,10 @@ def cottongen_sheets(field: Field, study: Study) -> Sheets:
         cells = [dataset, stock, "Gossypium", field.species(row), row["plant_id"], study.get("Person", "personName")]
         cells += [field.role(row, role) for role in COTTONGEN_ROLES.values()]
         rows.append([*cells, field.role(row, "season") or date[:4], date, *(row[column.name] for column in traits)])
+    kinds = ["numeric" if is_number(column) else "text" for column in traits]
     descriptors = [
-        [column.name, "numeric" if is_number(column) else "text", column.ontology, column.scale_name, column.description]
-        for column in traits
+        [column.name, kind, column.ontology, column.scale_name, column.description]
+        for column, kind in zip(traits, kinds, strict=True)
     ]
     return {
         "phenotype": (heads, rows),

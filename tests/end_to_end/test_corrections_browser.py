@@ -70,7 +70,8 @@ OVERLAPS = """
 [...document.querySelectorAll('.pane')].map(pane => {
   const boxes = [...pane.querySelectorAll('text.known')].map(text => text.getBoundingClientRect());
   const apart = (a, b) => a.right <= b.left || b.right <= a.left || a.bottom <= b.top + 3 || b.bottom <= a.top + 3;
-  return [pane.querySelectorAll('circle').length, boxes.length, boxes.filter((a, n) => boxes.some((b, m) => m > n && !apart(a, b))).length];
+  const overlaps = boxes.filter((a, n) => boxes.some((b, m) => m > n && !apart(a, b)));
+  return [pane.querySelectorAll('circle').length, boxes.length, overlaps.length];
 })"""
 """Of each photo: dots, numbers, and numbers that lie on another."""
 

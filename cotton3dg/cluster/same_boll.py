@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The probability that two parts are one boll, by a logistic score of measures of the pair; and when a part is split.
+"""The probability that two parts are one boll: a logistic score of measures of the pair and of the plant's other parts.
 
 `same_boll.toml` beside this file holds its terms; `make same-boll` fits them on simulated plants and writes the file.
 Further measures were tried and add nothing (docs/notes/same_boll.md).
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -63,13 +63,19 @@ class Score:
 
     constant: float
     terms: tuple[Term, ...]
+    joining: Term
+    """Share of the plant's parts that join others. Either most bolls of a plant come in parts or few do."""
     split_gain: float
     """A part is split if two middles raise the mean log likelihood of its votes by more than this."""
     one_boll: Calibration = Calibration()
     """Calibration of the probability that joined parts are one boll; pairs are not independent of each other."""
 
+    def of_plant(self, joining: float) -> Score:
+        """The score for a plant of which this share of parts joins others."""
+        return replace(self, constant=self.constant + self.joining.weight * (joining - self.joining.usual))
+
     def probability(self, measures: PairMeasures) -> float:
-        """Probability that both parts are one boll, 0..1."""
+        """Probability that both parts are one boll, 0..1; before `of_plant`, on a usual plant."""
         odds = self.constant
         for term in self.terms:
             odds += term.weight * (getattr(measures, term.name) - term.usual)
@@ -92,4 +98,5 @@ def read_score(path: Path = SCORE_FILE) -> Score:
     """The fitted score."""
     content = tomllib.loads(path.read_text(encoding="utf-8"))
     terms = tuple(Term(**term) for term in content["terms"])
-    return Score(content["constant"], terms, content["split_gain"], Calibration(**content["one_boll"]))
+    joining, one_boll = Term("joining", **content["joining"]), Calibration(**content["one_boll"])
+    return Score(content["constant"], terms, joining, content["split_gain"], one_boll)

@@ -63,7 +63,8 @@ def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, up: Float64, cm_pe
 
 
 def join_bolls(parts: Mapping[int, Part], up: Float64, cm_per_su: float, score: Score) -> Bolls:
-    """Join parts that are one boll by the score."""
+    """Join parts that are one boll by the score, which first learns how many of the plant's parts join at all."""
+    score = score.of_plant(find_joining(parts, up, cm_per_su, score))
     joined = join_parts(parts, up, cm_per_su, score.probability)
     rows = sorted(joined.parts, key=lambda row: -joined.parts[row].support)
     found = [joined.parts[row] for row in rows]
@@ -74,6 +75,12 @@ def join_bolls(parts: Mapping[int, Part], up: Float64, cm_per_su: float, score: 
         views=np.array([part.views for part in found], np.int64),
         one_boll=np.array([score.one_boll.probability(joined.one_boll(row)) for row in rows], np.float32),
     )
+
+
+def find_joining(parts: Mapping[int, Part], up: Float64, cm_per_su: float, score: Score) -> float:
+    """Share of the parts that join others, by the score for a usual plant."""
+    bolls = join_parts(parts, up, cm_per_su, score.probability).parts
+    return 1 - len(bolls) / max(len(parts), 1)
 
 
 def guess_scale(votes: Sequence[Votes]) -> float:

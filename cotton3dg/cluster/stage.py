@@ -173,7 +173,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE: Final = Stage(
     "cluster",
-    version=14,
+    version=15,
     inputs=inputs,
     run=run,
     cost=_cost,

@@ -9,7 +9,8 @@ sees. Votes are kept in FOLDER/votes.
 
 The weights are those of a logistic regression on pairs of parts as they are met while true bolls are put together.
 Most of these pairs need not join for the boll to be one, as others will; so the constant is then moved to where the
-bolls of the fitted plants come out best (F1). All of that is done for each gain from which a part is split; the gain
+bolls of the fitted plants come out best (F1). The share of a plant's parts that join others is the score's own, so both
+are fitted in turns. All of that is done for each gain from which a part is split; the gain
 that counts is the one that serves best kinds of plants that the fit leaves out, each kind in turn. Prints this choice;
 what of these bolls comes true, by what it states; the score; and a row a plant: parts, true bolls, bolls found, and how
 many of them are true (`evaluate`'s distance). Writes the table into the program (--dry: nowhere).
@@ -28,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from markdown_tables import markdown
+from same_boll_films import FITTED, JUDGED
 from simulated_runs import film_and_run, side_by_side
 from stored_votes import StoredVotes, open_votes
 from true_scene import true_plant
@@ -37,39 +39,11 @@ from cotton3dg.cluster.boll_parts import Part, gather_parts
 from cotton3dg.cluster.hough_voting import Middles
 from cotton3dg.cluster.join_parts import REACH_CM, find_near_pairs
 from cotton3dg.cluster.same_boll import SCORE_FILE, Calibration, PairMeasures, Score, Term, log_odds
-from cotton3dg.cluster.separate_bolls import Bolls, find_peaks, guess_scale, join_bolls
+from cotton3dg.cluster.separate_bolls import Bolls, find_joining, find_peaks, guess_scale, join_bolls
 from cotton3dg.cluster.split_parts import split_parts
 from cotton3dg.evaluation.match import MATCH_DISTANCE_CM, match_bolls
 from cotton3dg.io.saving import write_text_atomically
 
-FILM = "--width 960 --height 540 --frames 62 --supersampling 1"
-SMALL = "--width 640 --height 360 --frames 60 --supersampling 1"
-FITTED = {
-    "separate-1": "--seed 9201 --bolls 14 --boll-kind separate --clustered 0.5 --contact 0.85 --one-sided"
-    " --width 800 --height 450 --frames 60",
-    "separate-2": f"--seed 9202 --bolls 16 --boll-kind separate --things 6 {FILM}",
-    "separate-3": f"--seed 9203 --bolls 18 --boll-kind separate --clustered 0.7 --contact 0.8 {SMALL}",
-    "touching-1": f"--seed 9101 --bolls 16 --clustered 0.85 --contact 0.72 {FILM}",
-    "touching-2": f"--seed 9110 --bolls 20 --clustered 0.85 --contact 0.75 {SMALL}",
-    "touching-3": f"--seed 9111 --bolls 14 --clustered 0.85 --contact 0.72 {FILM}",
-    "plain-1": f"--seed 9108 --bolls 20 --clustered 0.4 {FILM}",
-    "usual-1": f"--seed 9102 --bolls 14 --boll-kind usual --clustered 0.6 --contact 0.85 --things 5 {FILM}",
-    "usual-2": f"--seed 9115 --bolls 18 --boll-kind usual --one-sided --noise 4 {FILM}",
-    "fluffy-1": f"--seed 9103 --bolls 14 --boll-kind fluffy --clustered 0.6 --contact 0.8 {SMALL}",
-    "fluffy-2": f"--seed 9113 --bolls 14 --boll-kind fluffy --clustered 0.85 --contact 0.72 {FILM}",
-    "hanging-1": "--seed 9104 --bolls 12 --boll-kind hanging --one-sided --width 1280 --height 720",
-    "hanging-2": f"--seed 9114 --bolls 13 --boll-kind hanging --clustered 0.4 --contact 0.85 {FILM}",
-    "torn-1": f"--seed 9105 --bolls 13 --boll-kind torn --one-sided --things 6 --noise 4 {SMALL}",
-    "half_open-1": f"--seed 9106 --bolls 15 --boll-kind half_open --clustered 0.4 --contact 0.85 --things 5 {SMALL}",
-}
-UNSEEN = {
-    "drooping-1": f"--seed 9107 --bolls 14 --boll-kind drooping --clustered 0.5 --contact 0.85 --one-sided {SMALL}",
-    "drooping-2": f"--seed 9116 --bolls 16 --boll-kind drooping --things 5 {FILM}",
-    "tight-1": f"--seed 9109 --bolls 14 --boll-kind tight --dark 1 --clustered 0.5 --contact 0.8 {SMALL}",
-    "natural-1": f"--seed 9112 --architecture natural --vegetative 1 --barren 0.25 --boll-kind usual {FILM}",
-    "separate-4": f"--seed 9204 --bolls 15 --boll-kind separate --clustered 0.4 --noise 4 --dark 0.7 {FILM}",
-}
-"""Judged only: kinds that the score is not fitted on, and another plant of separate locks."""
 TERMS = {"sideways_cm": -1, "apart_cm": -1, "two_middles": -1}
 """Measures, and whether more of it speaks for one boll or against."""
 PURE = 0.6
@@ -81,16 +55,18 @@ STIFFNESS = 1.0
 SHIFTS = (0.0, -0.4, 0.4, -0.8, 0.8, -1.2, 1.2, -1.6, 1.6, -2.4, -3.2)
 """Log odds by which the constant may move."""
 
-GAINS = (0.2, 0.3, 0.4)
-"""Gains from which a part may be split. Fifteen plants cannot tell finer steps apart."""
+GAINS = (0.3, 0.2, 0.15)
+"""Gains from which a part may be split; of equally good ones the first, which splits least."""
+ROUNDS = 2
+"""Number of fits after the first, each with the shares of joining parts that the one before finds."""
 QUADRATURE = 15
 """Nodes of the integral over plants."""
 DEVIATIONS = np.arange(0, 3.01, 0.05).round(2)
 GROUPS = 5
 """Groups of bolls by what they state."""
 
-Example = tuple[PairMeasures, bool]
-"""What was measured of two parts, and whether they are one boll."""
+Example = tuple[PairMeasures, float, bool]
+"""What was measured of two parts, which share of their plant's parts joins others, and whether they are one boll."""
 
 
 class Seen(NamedTuple):
@@ -133,7 +109,7 @@ def begin(seen: Seen, split_gain: float) -> Begun:
     return Begun(stored, seen.cm_per_su, gather_parts(middles, stored.votes, stored.lint), names)
 
 
-def gather_examples(plant: Begun) -> Iterator[Example]:
+def gather_examples(plant: Begun, joining: float) -> Iterator[Example]:
     """Pairs as they are met while the parts of true bolls join, the nearest first."""
     names, up, cm_per_su = plant.names, plant.stored.up, plant.cm_per_su
     parts = {row: part for row, part in plant.parts.items() if names[row] > 0}
@@ -142,7 +118,7 @@ def gather_examples(plant: Begun) -> Iterator[Example]:
         near = find_near_pairs(parts, REACH_CM / cm_per_su)
         for a, b in near:
             if changed & {a, b}:
-                yield join_parts.measure_pair(parts[a], parts[b], up, cm_per_su), names[a] == names[b]
+                yield join_parts.measure_pair(parts[a], parts[b], up, cm_per_su), joining, names[a] == names[b]
         same = [(a, b) for a, b in near if names[a] == names[b]]
         if not same:
             return
@@ -154,14 +130,15 @@ def fit(plants: Sequence[Sequence[Example]], split_gain: float) -> Score:
     """Logistic regression whose weights have the signs that physics gives them; each plant has the same say."""
     from scipy.optimize import minimize
 
-    names, examples = list(TERMS), [example for plant in plants for example in plant]
+    names, signs = [*TERMS, "joining"], [*TERMS.values(), 1]
+    examples = [example for plant in plants for example in plant]
     say = np.concatenate([np.full(len(plant), len(examples) / len(plants) / max(len(plant), 1)) for plant in plants])
     say = np.tile(say, len(CULTIVARS)) / len(CULTIVARS)
-    rows = np.array([[getattr(measures, name) for name in names] for measures, _ in examples], np.float64)
+    rows = np.array([[*(getattr(measures, name) for name in TERMS), share] for measures, share, _ in examples])
     rows = np.concatenate([rows * [size if name.endswith("_cm") else 1 for name in names] for size in CULTIVARS])
-    true = np.where(np.tile([so for _, so in examples], len(CULTIVARS)), 1.0, -1.0)
-    usual, spread = np.nanmean(rows, axis=0).round(3), np.nanstd(rows, axis=0)
-    rows = np.nan_to_num((rows - usual) / spread)
+    true = np.where(np.tile([so for *_, so in examples], len(CULTIVARS)), 1.0, -1.0)
+    usual, spread = rows.mean(axis=0).round(3), rows.std(axis=0).clip(min=1e-9)
+    rows = (rows - usual) / spread
 
     def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
         odds = true * (rows @ weights[1:] + weights[0])
@@ -169,10 +146,11 @@ def fit(plants: Sequence[Sequence[Example]], split_gain: float) -> Score:
         ridge = STIFFNESS * np.append(0, weights[1:])
         return say @ np.logaddexp(0, -odds) + 0.5 * ridge @ weights, np.append(wrong.sum(), rows.T @ wrong) + ridge
 
-    bounds = [(None, None), *((0, None) if sign > 0 else (None, 0) for sign in TERMS.values())]
+    bounds = [(None, None), *((0, None) if sign > 0 else (None, 0) for sign in signs)]
     found = minimize(loss, np.zeros(len(names) + 1), jac=True, bounds=bounds, method="L-BFGS-B").x
     terms = zip(names, usual.tolist(), (found[1:] / spread).round(3).tolist(), strict=True)
-    return Score(round(float(found[0]), 3), tuple(Term(*term) for term in terms), split_gain)
+    *pair, joining = (Term(*term) for term in terms)
+    return Score(round(float(found[0]), 3), tuple(pair), joining, split_gain)
 
 
 def hold_true(plant: Begun, bolls: Bolls) -> np.ndarray:
@@ -234,10 +212,16 @@ def move_constant(score: Score, plants: Sequence[Begun]) -> Score:
 
 def fit_score(films: Iterable[Film], split_gain: float) -> Score:
     """The score of some films, with its constant and its calibration."""
-    films = list(films)
-    score = fit([[pair for plant in film for pair in gather_examples(plant)] for film in films], split_gain)
-    score = move_constant(score, [film[0] for film in films])
+    films, score = list(films), None
+    for _ in range(1 + ROUNDS):
+        examples = [[pair for plant in film for pair in gather_examples(plant, share(plant, score))] for film in films]
+        score = move_constant(fit(examples, split_gain), [film[0] for film in films])
     return calibrate(score, [plant for film in films for plant in film])
+
+
+def share(plant: Begun, score: Score | None) -> float:
+    """Share of a plant's parts that join others by a score; before any, it is the same for all plants."""
+    return find_joining(plant.parts, plant.stored.up, plant.cm_per_su, score) if score else 0.0
 
 
 def kind_of(name: str) -> str:
@@ -309,6 +293,8 @@ def write_score(path: Path, score: Score, films: int) -> None:
         "terms = [",
         *(f'  {{ name = "{t.name}", usual = {t.usual}, weight = {t.weight} }},' for t in score.terms),
         "]",
+        "# The share of the plant's parts that join others by these terms alone.",
+        f"joining = {{ usual = {score.joining.usual}, weight = {score.joining.weight} }}",
         "# A part is split if two middles explain its votes so much better than one (mean log likelihood of a vote).",
         f"split_gain = {score.split_gain}",
         "# Log odds of one boll of what was joined, by those that its pairs state.",
@@ -324,11 +310,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--only", nargs="*", default=[*FITTED, *UNSEEN], choices=[*FITTED, *UNSEEN])
+    parser.add_argument("--only", nargs="*", default=[*FITTED, *JUDGED], choices=[*FITTED, *JUDGED])
     parser.add_argument("--judge", nargs="*", type=true_plant, default=[], metavar="RUN[:TRUTH]")
     parser.add_argument("--dry", action="store_true")
     wanted = parser.parse_args()
-    films = {name: film for name, film in (FITTED | UNSEEN).items() if name in wanted.only}
+    films = {name: film for name, film in (FITTED | JUDGED).items() if name in wanted.only}
 
     def film_one(name: str) -> int:
         return film_and_run(wanted.folder / name, films[name], "draft", until="masks")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from same_boll_films import FITTED, JUDGED
 from study_set import LOCKS, ODD, PLANTS, TOUCHING, natural
 
 
@@ -16,6 +17,13 @@ def test_no_two_plants_of_different_sets_share_a_seed() -> None:
     assert [len(seeds) for seeds in sets] == [12, 12, 12, 12]
     assert len(set().union(*sets)) == 48
     assert not sets[-1] & {value_of(options, "--seed") for options in natural(1).values()}
+
+
+def test_what_a_fit_sees_is_in_no_set_that_judges() -> None:
+    fitted, judged = ({value_of(options, "--seed") for options in some.values()} for some in (FITTED, JUDGED))
+    studied = {value_of(options, "--seed") for some in (PLANTS, TOUCHING, ODD, LOCKS) for options in some.values()}
+    assert (len(fitted), len(judged)) == (len(FITTED), len(JUDGED))
+    assert not fitted & judged and not (fitted | judged) & studied
 
 
 def test_half_of_the_plants_of_separate_locks_touch_and_half_have_one_window() -> None:

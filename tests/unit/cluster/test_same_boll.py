@@ -13,10 +13,11 @@ from cotton3dg.cluster.boll_parts import gain_of_two, gather_parts, join_two, me
 from cotton3dg.cluster.hough_voting import Middles, find_faint
 from cotton3dg.cluster.join_parts import join_parts
 from cotton3dg.cluster.same_boll import Calibration, PairMeasures, Score, Term, logistic, read_score
-from cotton3dg.cluster.separate_bolls import separate_bolls
+from cotton3dg.cluster.separate_bolls import find_joining, separate_bolls
 
 TOUCHING = [Ball((0, 0, 0), 2.3), Ball((4.4, 0, 0), 2.3)]
 UP = np.array([0.0, 0.0, 1.0])
+NEUTRAL = Term("joining", 0.0, 0.0)
 BUR = (0.0, 0.0, 0.0)
 LOCKS = [
     Ball((1.3, 0, 0), 1.2, (0.6, 0, 0)),
@@ -89,18 +90,42 @@ def test_a_lock_below_is_rather_of_the_boll_than_a_neighbour_beside_it():
     assert below > 0.5 > beside
 
 
+def test_what_lies_below_a_boll_is_a_lock_where_bolls_come_in_parts_and_a_small_boll_where_none_does():
+    """A pair of the touching set: the lower lint 3.7 cm below and hardly beside, both wide; it was joined before."""
+    below = PairMeasures(sideways_cm=0.7, apart_cm=3.7, two_middles=0.75)
+    whole, parts = (read_score().of_plant(joining) for joining in (0.05, 0.5))
+    assert parts.probability(below) > 0.5 > whole.probability(below)
+    near = PairMeasures(0.8, 1.0, 0.1)
+    assert whole.probability(near) > 0.5, "two sides of one boll join on any plant"
+
+
+def test_the_share_of_parts_that_join():
+    """Three bolls of three locks each; then the same locks, so far apart that each is a boll."""
+    by_distance = Score(0.0, (Term("sideways_cm", 3.5, -1.0),), NEUTRAL, 0.25)
+    for spread, share in ((1.0, 2 / 3), (6.0, 0.0)):
+        balls = [
+            replace(ball, centre=tuple(spread * x + 30 * k * (n == 0) for n, x in enumerate(ball.centre)))
+            for k in range(3)
+            for ball in LOCKS
+        ]
+        parts = parts_of([replace(ball, aim=None) for ball in balls])
+        assert find_joining(parts, UP, 1.0, by_distance) == pytest.approx(share)
+    assert find_joining({}, UP, 1.0, read_score()) == 0
+
+
 def test_what_is_stated_too_carefully_is_calibrated(monkeypatch):
     """Of what states 0.4 nine in ten come true, of what states 0.9 all but one in a hundred."""
     stated = [(0.4, int(k % 10 > 0)) for k in range(200)] + [(0.9, int(k % 100 > 0)) for k in range(200)]
     monkeypatch.setattr("same_boll.outcomes", lambda *_: stated)
-    one_boll = calibrate(Score(0.0, (), 0.25), [None]).one_boll
+    one_boll = calibrate(Score(0.0, (), NEUTRAL, 0.25), [None]).one_boll
     assert one_boll.probability(1.0) == 1.0, "nothing near it speaks against one boll"
     assert one_boll.probability(0.4) == pytest.approx(0.9, abs=0.01)
     assert one_boll.probability(0.9) == pytest.approx(0.99, abs=0.01)
 
 
 def test_a_score_is_read_as_it_was_written(tmp_path):
-    score = Score(-1.5, (Term("sideways_cm", 3.5, -1.0), Term("two_middles", 0.4, 0.0)), 0.3, Calibration(0.25, 0.5))
+    terms = (Term("sideways_cm", 3.5, -1.0), Term("two_middles", 0.4, 0.0))
+    score = Score(-1.5, terms, Term("joining", 0.5, 6.0), 0.3, Calibration(0.25, 0.5))
     write_score(tmp_path / "score.toml", score, 3)
     assert read_score(tmp_path / "score.toml") == score
 
@@ -109,7 +134,7 @@ def test_the_likeliest_pair_joins_first_and_what_is_left_keeps_its_probability()
     """Of four balls in a row at 2, 3 and 6 cm: by distance alone, even at 3.5 cm."""
     balls = [Ball((x, 0, 0), 1.0) for x in (0, 2, 5, 11)]
     parts = parts_of(balls)
-    score = Score(0.0, (Term("sideways_cm", 3.5, -1.0),), 0.25)
+    score = Score(0.0, (Term("sideways_cm", 3.5, -1.0),), NEUTRAL, 0.25)
     joined = join_parts(parts, UP, 1.0, score.probability)
     assert sorted(joined.parts) == [0, 2, 3], "the nearest two are one, and that is farther from the third"
     middle = joined.parts[0].centre

@@ -110,7 +110,6 @@ def test_the_share_of_parts_that_join():
         ]
         parts = parts_of([replace(ball, aim=None) for ball in balls])
         assert find_joining(parts, UP, 1.0, by_distance) == pytest.approx(share)
-    assert find_joining({}, UP, 1.0, read_score()) == 0
 
 
 def test_what_is_stated_too_carefully_is_calibrated(monkeypatch):

@@ -7,7 +7,7 @@ Each Gaussian of lint gets its boll directly; masks of single images have no par
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -43,11 +43,13 @@ class Located:
 
     bolls: list[BollInstance]
     """From the top downwards, with ids 1, 2, ..."""
-    images: dict[str, NDArray[np.uint16]]
+    images: dict[str, NDArray[np.uint16]] = field(default_factory=dict)
     """Image name -> (H, W) boll ids, 0 = none."""
-    halves: tuple[int, int] | None
+    halves: tuple[int, int] | None = None
     """Counts of bolls by every second image, and by the others; None with too few images."""
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[LeftOut, ...] = ()
+    joining: float = 0.0
+    """Share of the parts of bolls that were joined to others."""
 
 
 def locate_bolls(
@@ -68,7 +70,7 @@ def locate_bolls(
     """
     lint = LintInSpace.of(gaussians, shares)
     votes = on_all_cores(lambda number: cast_votes(maps[number], cameras[number], lint), range(len(maps)))
-    (middles, faint), *halves = separate_all(votes, lint, up, cm_per_su)
+    (middles, faint, joining), *halves = separate_all(votes, lint, up, cm_per_su)
     owners = average_votes(votes, middles)
     images = on_all_cores(lambda camera: draw_bolls(camera, lint, owners), cameras)
     sums = np.zeros((len(middles.centres), 4))
@@ -93,6 +95,7 @@ def locate_bolls(
             *_leave_out(middles.take(bare & ~white), "faint", FAINT_IS_BOLL),
             *_leave_out(middles.take(white), "white_thing", THING_IS_BOLL),
         ),
+        round(joining, 3),
     )
 
 

@@ -45,6 +45,8 @@ class Separated(NamedTuple):
     bolls: Bolls
     faint: Bolls
     """Candidates that hardly look like lint."""
+    joining: float
+    """Share of the parts that were joined to others."""
 
 
 def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, up: Float64, cm_per_su: float | None = None) -> Separated:
@@ -59,7 +61,7 @@ def separate_bolls(votes: Sequence[Votes], lint: LintInSpace, up: Float64, cm_pe
     parts = gather_parts(find_parts(votes, score.split_gain), votes, lint)
     bolls = join_bolls(parts, up, cm_per_su or guess_scale(votes), score)
     faint = find_faint(bolls, votes)
-    return Separated(bolls.take(~faint), bolls.take(faint))
+    return Separated(bolls.take(~faint), bolls.take(faint), joined_share(len(bolls.centres), len(parts)))
 
 
 def join_bolls(parts: Mapping[int, Part], up: Float64, cm_per_su: float, score: Score) -> Bolls:
@@ -79,8 +81,12 @@ def join_bolls(parts: Mapping[int, Part], up: Float64, cm_per_su: float, score: 
 
 def find_joining(parts: Mapping[int, Part], up: Float64, cm_per_su: float, score: Score) -> float:
     """Share of the parts that join others, by the score for a usual plant."""
-    bolls = join_parts(parts, up, cm_per_su, score.probability).parts
-    return 1 - len(bolls) / max(len(parts), 1)
+    return joined_share(len(join_parts(parts, up, cm_per_su, score.probability).parts), len(parts))
+
+
+def joined_share(bolls: int, parts: int) -> float:
+    """Share of the parts that are joined to others."""
+    return 1 - bolls / parts if parts else 0.0
 
 
 def guess_scale(votes: Sequence[Votes]) -> float:

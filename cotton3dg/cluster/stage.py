@@ -90,11 +90,11 @@ def run(workspace: Workspace, options: ClusterOptions, progress: Progress = sile
     if workspace.lint_share_npz.is_file():
         located = _by_votes(workspace, options, gaussians, cameras, up)
     else:
-        located = Located(_by_masks(workspace, options, gaussians, up), {}, None, ())
+        located = Located(_by_masks(workspace, options, gaussians, up))
     bolls = flag_close(located.bolls)
     labels = boll_labels(bolls, len(gaussians))
     with workspace.writing("cluster") as folder:
-        info = describe_bolls(bolls, gaussians.sha256(), located.left_out, located.halves)
+        info = describe_bolls(bolls, gaussians.sha256(), located.left_out, located.halves, located.joining)
         info.save(folder / workspace.bolls_json.name)
         np.save(folder / workspace.labels_npy.name, labels)
         write_gaussians(folder / workspace.bolls_ply.name, recolour(gaussians, boll_colours(labels)))

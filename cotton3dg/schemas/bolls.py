@@ -52,6 +52,8 @@ class BollsInfo(Document):
     """What looks like lint and is not among the bolls."""
     halves: tuple[int, int] | None = None
     """Counts of bolls by every second image alone, and by the others."""
+    joining: float = 0.0
+    """Share of the parts of bolls that were joined to others."""
 
 
 def describe_bolls(
@@ -59,6 +61,7 @@ def describe_bolls(
     gaussians_sha256: str,
     left_out: tuple[LeftOut, ...] = (),
     halves: tuple[int, int] | None = None,
+    joining: float = 0.0,
 ) -> BollsInfo:
     """The document of some bolls."""
     facts = (
@@ -74,7 +77,7 @@ def describe_bolls(
         )
         for boll in bolls
     )
-    return BollsInfo(gaussians_sha256, tuple(facts), left_out, halves)
+    return BollsInfo(gaussians_sha256, tuple(facts), left_out, halves, joining)
 
 
 def write_lifted(path: Path, lifted: LiftedMasks) -> None:

@@ -16,8 +16,8 @@ from ..geometry.convex_measures import alpha_volume, calliper_diameter, convex_v
 from .error_model import (
     AS_IF_NEAR,
     UNROUND_FLAG,
-    WELL_FILMED,
-    Filming,
+    USUAL_CONDITIONS,
+    Conditions,
     boll_volume_error,
     find_unround,
     nearest_neighbours,
@@ -43,7 +43,7 @@ def measure_bolls(
     pixel_su: float = 0.0,
     clamp_cm: float = 0.0,
     apart: Collection[int] = (),
-    filming: Filming = WELL_FILMED,
+    conditions: Conditions = USUAL_CONDITIONS,
 ) -> list[BollTraits]:
     """Volume, diameter and place of each boll; traits that need a scale or a foot are NaN without it.
 
@@ -52,7 +52,7 @@ def measure_bolls(
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
         apart: ids of bolls that do not hang on the plant.
-        filming: how the plant was filmed.
+        conditions: of the plant, for the errors.
 
     Volume and diameter are those of the convex body that the boll's Gaussians show (`opaque_hull`). For the alpha
     volume the Gaussians' ellipsoids are scaled until their hull has that volume.
@@ -82,7 +82,7 @@ def measure_bolls(
         doubts += ["too_small"] if diameter.value * cm < LIKELY_CM[0] else []
         doubts += ["too_large"] if diameter.value * cm > LIKELY_CM[1] else []
         views, away = len(boll.views), nearest[number]
-        error = boll_volume_error(diameter.value, volume.value, views, scale, pixel_su, away, filming)
+        error = boll_volume_error(diameter.value, volume.value, views, scale, pixel_su, away, conditions)
         return BollTraits(
             boll_id=boll.boll_id,
             centre_cm=centre,

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..core.measurements import OFF_PLANT, BollTraits, is_counted
 from ..core.scene import Float64
-from .error_model import IS_TWO, UNROUND_FLAG, WELL_FILMED, Filming
+from .error_model import IS_TWO, UNROUND_FLAG, USUAL_CONDITIONS, Conditions
 
 TAIL: Final = 0.025
 """Probability beyond either end of a 95 % interval."""
@@ -119,7 +119,7 @@ def distribute_count(
     bolls: Sequence[BollTraits],
     touching: Iterable[bool],
     halves: tuple[int, int] | None = None,
-    filming: Filming = WELL_FILMED,
+    conditions: Conditions = USUAL_CONDITIONS,
     left_out: Sequence[Possible] = (),
     common: Sequence[Common] = COMMON,
 ) -> CountDistribution | None:
@@ -132,9 +132,9 @@ def distribute_count(
             twice the variance; the count by all images is assumed to be no surer than that by half of them.
         left_out: what may be further bolls. common: states that the bolls share.
     """
-    if not filming.whole or not (bolls or left_out):
+    if not conditions.whole or not (bolls or left_out):
         return None
-    hidden, counts = hidden_probability(filming), np.zeros(2 * len(bolls) + 1)
+    hidden, counts = hidden_probability(conditions), np.zeros(2 * len(bolls) + 1)
     touches = list(touching)
     for state in common:
         one_by_one = np.ones(1)
@@ -178,7 +178,7 @@ def outcomes(boll: BollTraits, touches: bool, common: Common) -> Outcomes:
 def miscounted_volume(
     bolls: Sequence[BollTraits],
     touching: Iterable[bool],
-    filming: Filming = WELL_FILMED,
+    conditions: Conditions = USUAL_CONDITIONS,
     left_out: Sequence[Possible] = (),
     common: Sequence[Common] = COMMON,
 ) -> Moments:
@@ -188,10 +188,10 @@ def miscounted_volume(
     nothing to the difference, because its volume is in the sum.
 
     Args:
-        bolls, touching, filming, left_out, common: as for `distribute_count`.
+        bolls, touching, conditions, left_out, common: as for `distribute_count`.
     """
     touches = list(touching)
-    states = [(state.weight, _miscounted(bolls, touches, filming, left_out, state)) for state in common]
+    states = [(state.weight, _miscounted(bolls, touches, conditions, left_out, state)) for state in common]
     mean = sum(weight * one.mean for weight, one in states)
     return Moments(mean, sum(weight * (one.variance + (one.mean - mean) ** 2) for weight, one in states))
 
@@ -199,7 +199,7 @@ def miscounted_volume(
 def _miscounted(
     bolls: Sequence[BollTraits],
     touching: Sequence[bool],
-    filming: Filming,
+    conditions: Conditions,
     left_out: Sequence[Possible],
     common: Common,
 ) -> Moments:
@@ -218,7 +218,7 @@ def _miscounted(
         else:
             moments.append(_with_probability(1 - present, -boll.volume_cm3))
             moments.append(_with_probability(outcomes(boll, touches, common).two, -HULL_OF_TWO * boll.volume_cm3))
-    moments += [_with_probability(hidden_probability(filming), mean_cm3, variance)] * len(counted)
+    moments += [_with_probability(hidden_probability(conditions), mean_cm3, variance)] * len(counted)
     moments += [_with_probability(possible.probability, possible.volume_cm3) for possible in left_out]
     return Moments(sum(one.mean for one in moments), sum(one.variance for one in moments))
 
@@ -228,9 +228,9 @@ def _with_probability(probability: float, mean: float, variance: float = 0.0) ->
     return Moments(probability * mean, probability * variance + probability * (1 - probability) * mean**2)
 
 
-def hidden_probability(filming: Filming) -> float:
+def hidden_probability(conditions: Conditions) -> float:
     """Expected number of bolls that no image shows, for each counted boll."""
-    return BEHIND * max(filming.gap_deg - 180, 0.0) / 100
+    return BEHIND * max(conditions.gap_deg - 180, 0.0) / 100
 
 
 def _whole_normal(deviation: float) -> Float64:

@@ -46,6 +46,10 @@ LINT_EDGE: Final = 0.02
 """Relative standard error of all volumes by where the lint ends: the probability of lint at its edge differs between
 kinds of bolls. Of 20 simulated plants of all kinds (docs/notes/stated_errors.md), without those whose locks count as
 bolls."""
+IN_PARTS: Final = 0.12
+"""Relative standard error of all volumes for each unit of the share of parts that are joined: the hull around locks
+that hang apart is too large, that of a boll without its hidden locks too small. Fitted to 29 plants of `make same-boll`
+by likelihood; 19 others give 0.11 (docs/notes/stated_errors.md)."""
 BLURRED_SHARE: Final = 0.25
 """Motion blur, as a share of a boll's width, from which the plant has a flag."""
 NEIGHBOUR: Final = 1.2
@@ -73,8 +77,8 @@ CROWDED_SHARE: Final = 0.3
 
 
 @dataclass(frozen=True)
-class Filming:
-    """How the plant was filmed, as far as it affects the errors of all its bolls."""
+class Conditions:
+    """What affects the errors of all bolls of a plant: how it was filmed, and of which kind its bolls are."""
 
     blur_px: float = 0.0
     """Motion blur of the training images."""
@@ -82,9 +86,12 @@ class Filming:
     """Largest part of the walk around the plant without an image."""
     whole: bool = True
     """Whether there are images that show the plant whole; bolls beyond the frame are unknown."""
+    joining: float = 0.0
+    """Share of the parts of its bolls that are joined to others: none if all bolls were seen whole, two thirds if each
+    is three locks."""
 
 
-WELL_FILMED: Final = Filming()
+USUAL_CONDITIONS: Final = Conditions()
 
 
 def nearest_neighbours(centres: Float64, diameters: Float64) -> Float64:
@@ -148,7 +155,7 @@ def boll_volume_error(
     scale: Scale | None,
     pixel_su: float,
     nearest: float = np.inf,
-    filming: Filming = WELL_FILMED,
+    conditions: Conditions = USUAL_CONDITIONS,
 ) -> float:
     """Relative standard error of a boll's volume; NaN without a scale or a diameter.
 
@@ -164,7 +171,7 @@ def boll_volume_error(
         return np.nan
     shape = SHAPE * max(1 - volume_su3 / (np.pi / 6 * diameter_su**3), 0.0)
     edge = 3 * EDGE_PX * pixel_su / diameter_su / np.sqrt(max(n_views / ALIKE, 1))
-    of_plant = np.hypot(3 * scale.relative_error, _shared(diameter_su, pixel_su, filming))
+    of_plant = np.hypot(3 * scale.relative_error, _shared(diameter_su, pixel_su, conditions))
     return float(np.linalg.norm([of_plant, shape, edge, parted_error(np.array(nearest))]))
 
 
@@ -173,7 +180,7 @@ def plant_volume_error_cm3(
     nearest: Float64,
     scale: Scale | None,
     pixel_cm: float,
-    filming: Filming = WELL_FILMED,
+    conditions: Conditions = USUAL_CONDITIONS,
 ) -> float:
     """Standard error of the sum of the volumes, if each is one boll: shared errors add up, the others add in squares.
 
@@ -181,24 +188,24 @@ def plant_volume_error_cm3(
     Args:
         nearest: (B,) from `nearest_neighbours`.
     """
-    if scale is None or not filming.whole:
+    if scale is None or not conditions.whole:
         return np.nan
     measured = [row for row, boll in enumerate(bolls) if np.isfinite(boll.volume_cm3)]
     known = [bolls[row] for row in measured]
     volumes = np.array([boll.volume_cm3 for boll in known])
     by_scale = 3 * scale.relative_error * volumes
-    by_edges = volumes * [_shared(boll.diameter_cm, pixel_cm, filming) for boll in known]
+    by_edges = volumes * [_shared(boll.diameter_cm, pixel_cm, conditions) for boll in known]
     parted = (1 - PARTED_IN_SUM**2) * (parted_error(nearest[measured]) * volumes) ** 2
     own = np.array([boll.volume_error_cm3 for boll in known]) ** 2 - by_scale**2 - by_edges**2 - parted
     return float(np.sqrt(by_scale.sum() ** 2 + by_edges.sum() ** 2 + np.maximum(own, 0.0).sum()))
 
 
-def _shared(diameter: float, pixel: float, filming: Filming) -> float:
-    """The part of a volume's relative error that all bolls share: edges of masks that lie too far out, and sides that
-    were not filmed. Both lengths are in one unit."""
-    by_edges = 6 * np.hypot(SHARED_EDGE_PX, SHARED_BLUR * filming.blur_px) * pixel / diameter
-    by_unseen = UNSEEN * max(filming.gap_deg - SEEN_ALL_ROUND_DEG, 0.0) / 100
-    return float(np.linalg.norm([by_edges, by_unseen, LINT_EDGE]))
+def _shared(diameter: float, pixel: float, conditions: Conditions) -> float:
+    """The part of a volume's relative error that all bolls share: edges of masks that lie too far out, sides that were
+    not filmed, and bolls that come in parts. Both lengths are in one unit."""
+    by_edges = 6 * np.hypot(SHARED_EDGE_PX, SHARED_BLUR * conditions.blur_px) * pixel / diameter
+    by_unseen = UNSEEN * max(conditions.gap_deg - SEEN_ALL_ROUND_DEG, 0.0) / 100
+    return float(np.linalg.norm([by_edges, by_unseen, LINT_EDGE, IN_PARTS * conditions.joining]))
 
 
 def blurs_bolls(blur_px: float, pixel: float, diameters: Float64) -> bool:

@@ -20,8 +20,8 @@ from .error_model import (
     AS_IF_NEAR,
     CROWDED_SHARE,
     UNROUND_FLAG,
-    WELL_FILMED,
-    Filming,
+    USUAL_CONDITIONS,
+    Conditions,
     blurs_bolls,
     find_touching,
     halves_disagree,
@@ -67,7 +67,7 @@ class Parts:
     scale: Scale | None
     pixel_su: float
     clamp_cm: float
-    filming: Filming
+    conditions: Conditions
     concerns: dict[str, str]
     """Flag -> warning, of the plant as a whole."""
 
@@ -79,7 +79,7 @@ def measure_parts(
     pixel_su: float,
     clamp_cm: float,
     cameras: Sequence[Camera] = (),
-    filming: Filming = WELL_FILMED,
+    conditions: Conditions = USUAL_CONDITIONS,
     added: Collection[int] = (),
 ) -> Parts:
     """The plant among the Gaussians, and its bolls.
@@ -88,7 +88,7 @@ def measure_parts(
         pixel_su: width of a pixel of the training images at the plant.
         clamp_cm: height of the clamp that holds the plant.
         cameras: of the images, to decide whether they show the plant whole; none for a model that came without images.
-        filming: how the plant was filmed; this function sets its `whole`.
+        conditions: of the plant, for the errors; this function sets its `whole`.
         added: ids of bolls that a person added; they belong to the plant wherever they are.
     """
     concerns: dict[str, str] = {}
@@ -105,7 +105,7 @@ def measure_parts(
                 "no stem rises from the clamp, so the plant's origin is a guess; film closer to its foot"
             )
     cut, lost = check_truncation(gaussians.means[plant.rows], cameras) if plant else ("", False)
-    filming = replace(filming, whole=not lost)
+    conditions = replace(conditions, whole=not lost)
     if cut:
         concerns["plant_cut"] = cut
     drawn = dilate_gaussians(gaussians, pixel_su)
@@ -115,8 +115,10 @@ def measure_parts(
             f"boll {', '.join(map(str, sorted(apart)))} hangs on nothing that hangs together with the stem and is not"
             " counted; if it is a boll of this plant, delete it and add it again (cotton3dg correct)"
         )
-    boll_traits = measure_bolls(drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart, filming)
-    return Parts(plant, boll_traits, boll_of > 0, drawn, scale, pixel_su, clamp_cm, filming, concerns)
+    boll_traits = measure_bolls(
+        drawn, bolls, scale, plant.foot if plant else None, pixel_su, clamp_cm, apart, conditions
+    )
+    return Parts(plant, boll_traits, boll_of > 0, drawn, scale, pixel_su, clamp_cm, conditions, concerns)
 
 
 def measure_whole(
@@ -132,9 +134,9 @@ def measure_whole(
         thin_ends: (K, 3) su each, places of twigs that the photos show and the model lacks.
         left_out: what may be further bolls.
     """
-    plant, scale, filming = parts.plant, parts.scale, parts.filming
+    plant, scale, conditions = parts.plant, parts.scale, parts.conditions
     sized = Sized()
-    if plant and scale and filming.whole:
+    if plant and scale and conditions.whole:
         sized = size_plant(parts.drawn, plant, scale, parts.clamp_cm, thin_ends)
     concerns = parts.concerns | sized.concerns
     if halves and halves_disagree(halves):
@@ -142,9 +144,9 @@ def measure_whole(
             f"every second image alone shows {halves[0]} bolls, the others {halves[1]}; look at the numbered bolls"
         )
     diameters_cm = np.array([boll.diameter_cm for boll in parts.bolls if is_counted(boll.flags)])
-    if scale and blurs_bolls(filming.blur_px, parts.pixel_su * scale.cm_per_su, diameters_cm):
+    if scale and blurs_bolls(conditions.blur_px, parts.pixel_su * scale.cm_per_su, diameters_cm):
         concerns["blurred"] = (
-            f"motion blurs the images by {filming.blur_px:.0f} px, much of a boll's width, so that bolls swell and"
+            f"motion blurs the images by {conditions.blur_px:.0f} px, much of a boll's width, so that bolls swell and"
             " merge; walk more slowly, or film with more light"
         )
     if sum(thing.probability for thing in left_out) >= MAY_LACK:
@@ -152,7 +154,7 @@ def measure_whole(
         concerns["bolls_left_out"] = (
             f"not counted, though each may be a boll: {where}; if one is, add it (cotton3dg correct)"
         )
-    traits = summarise_plant(parts.bolls, sized.size, scale, parts.pixel_su, halves, sized.other, filming, left_out)
+    traits = summarise_plant(parts.bolls, sized.size, scale, parts.pixel_su, halves, sized.other, conditions, left_out)
     return Measured(plant, parts.bolls, traits, (*concerns, *traits.flags), tuple(concerns.values()))
 
 
@@ -202,7 +204,7 @@ def summarise_plant(
     pixel_su: float = 0.0,
     halves: tuple[int, int] | None = None,
     perhaps: PlantSize | None = None,
-    filming: Filming = WELL_FILMED,
+    conditions: Conditions = USUAL_CONDITIONS,
     left_out: Sequence[LeftOut] = (),
 ) -> PlantTraits:
     """The plant's row. Its volume is that of the bolls whose volume is known; NaN without any.
@@ -210,7 +212,7 @@ def summarise_plant(
     Bolls that do not hang on the plant only affect the count's error, because they may belong to it after all.
 
     Args:
-        pixel_su, halves, filming, left_out: as for `measure_parts` and `measure_whole`.
+        pixel_su, halves, conditions, left_out: as for `measure_parts` and `measure_whole`.
         perhaps: another size that the plant may have; its difference is an error.
 
     The errors of its traits are in error_model.py.
@@ -250,13 +252,13 @@ def summarise_plant(
     touches = [bool(crowded.get(boll.boll_id)) for boll in found]
     cm = scale.cm_per_su if scale else np.nan
     possible = [Possible(thing.probability, np.pi / 6 * (thing.diameter_su * cm) ** 3) for thing in left_out]
-    count = distribute_count(found, touches, halves, filming, possible)
-    missing = miscounted_volume(found, touches, filming, possible) if measured else Moments(np.nan, np.nan)
-    of_bolls = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, filming) if measured else np.nan
+    count = distribute_count(found, touches, halves, conditions, possible)
+    missing = miscounted_volume(found, touches, conditions, possible) if measured else Moments(np.nan, np.nan)
+    of_bolls = plant_volume_error_cm3(bolls, nearest, scale, pixel_cm, conditions) if measured else np.nan
     of_volume = float(np.hypot(of_bolls, np.sqrt(missing.variance)))
     of_height = size_error_cm(size.height_cm, scale, pixel_cm, [other.height_cm])
     canopies_cm = [other.canopy_cm, size.turned_canopy_cm]
-    of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, canopies_cm, filming.blur_px)
+    of_canopy = size_error_cm(size.canopy_cm, scale, pixel_cm, canopies_cm, conditions.blur_px)
     return PlantTraits(
         boll_count=len(bolls),
         boll_volume_cm3=volume_cm3,

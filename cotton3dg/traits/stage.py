@@ -42,7 +42,7 @@ from ..schemas.weights import WeightModel
 from ..stage import FILE, STAGES, Cost, Stage, Work
 from ..workspace import Workspace
 from .corrections import Corrected, apply_corrections, still_left_out
-from .error_model import Filming
+from .error_model import Conditions
 from .lint_colour import boll_colour, calibrate, mask_reflectance, plant_colour
 from .measure import Measured, Parts, mark_corrections, measure_parts, measure_whole
 from .plant_segmentation import Plant
@@ -127,10 +127,10 @@ def _measure(
         recorded("masks", {"backend": masks.backend})  # refuses those of a back end that is gone
     by_images = BollsInfo.load(workspace.bolls_json)
     cameras = _cameras(workspace)
-    filming = _filming(workspace, cameras)
+    conditions = _conditions(workspace, cameras, by_images.joining)
 
     def parts_of(some: list[BollInstance], by: Scale | None, added: Collection[int] = ()) -> Parts:
-        return measure_parts(gaussians, some, by, pixel_su, options.tube_height_cm, cameras, filming, added)
+        return measure_parts(gaussians, some, by, pixel_su, options.tube_height_cm, cameras, conditions, added)
 
     last = before = parts_of(bolls, found)
     corrected = _corrected(workspace, gaussians, bolls, found, before.plant)
@@ -254,12 +254,12 @@ def _weighed(traits: PlantTraits, model: WeightModel) -> PlantTraits:
     )
 
 
-def _filming(workspace: Workspace, cameras: list[Camera]) -> Filming:
-    """Motion blur as the trainer found it, and the gap of the walk; neither for a model that came without images."""
+def _conditions(workspace: Workspace, cameras: list[Camera], joining: float) -> Conditions:
+    """Motion blur as the trainer found it, and the gap of the walk: neither for a model that came without images."""
     effects = Effects.load_if_there(workspace.effects_json)
     found = effects.motion_blur if effects else None
     blur_px = found.median_px if found and found.found else 0.0
-    return Filming(blur_px, fit_orbit(cameras).largest_gap_deg if cameras else 0.0)
+    return Conditions(blur_px, fit_orbit(cameras).largest_gap_deg if cameras else 0.0, joining=joining)
 
 
 def _cameras(workspace: Workspace) -> list[Camera]:
@@ -292,4 +292,4 @@ def _cost(work: Work) -> Cost:
     return Cost(3.0 + 12 * work.million_gaussians, 4.0 + 16 * work.million_gaussians)
 
 
-STAGE: Final = Stage("traits", version=36, inputs=inputs, run=run, cost=_cost, names={"weight_model": FILE})
+STAGE: Final = Stage("traits", version=37, inputs=inputs, run=run, cost=_cost, names={"weight_model": FILE})

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cotton3dg.core.bolls import BollInstance
 from cotton3dg.core.measurements import Scale
 from cotton3dg.core.scene import Gaussians
-from cotton3dg.traits.error_model import WELL_FILMED, Filming
+from cotton3dg.traits.error_model import USUAL_CONDITIONS, Conditions
 from cotton3dg.traits.measure import Measured, measure_parts, measure_whole
 from scenes.table_scene import POSE
 
@@ -33,8 +33,8 @@ def measure_plant(
     scale: Scale | None,
     pixel_su: float,
     clamp_cm: float,
-    filming: Filming = WELL_FILMED,
+    conditions: Conditions = USUAL_CONDITIONS,
     thin_ends: Sequence[NDArray] = (),
 ) -> Measured:
-    parts = measure_parts(gaussians, bolls, scale, pixel_su, clamp_cm, filming=filming)
+    parts = measure_parts(gaussians, bolls, scale, pixel_su, clamp_cm, conditions=conditions)
     return measure_whole(parts, thin_ends=thin_ends)

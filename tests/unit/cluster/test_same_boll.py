@@ -145,15 +145,15 @@ def test_the_likeliest_pair_joins_first_and_what_is_left_keeps_its_probability()
 
 
 def test_locks_of_one_boll_join():
-    bolls = separate_bolls(*see(LOCKS), UP, cm_per_su=1.0).bolls
-    assert len(bolls.centres) == 1
+    bolls, _, joining = separate_bolls(*see(LOCKS), UP, cm_per_su=1.0)
+    assert len(bolls.centres) == 1 and joining == pytest.approx(2 / 3)
     np.testing.assert_allclose(bolls.centres[0], BUR, atol=0.3)
     assert bolls.one_boll[0] > 0.5
 
 
 def test_bolls_that_touch_stay_two():
-    bolls = separate_bolls(*see(TOUCHING), UP, cm_per_su=1.0).bolls
-    assert len(bolls.centres) == 2
+    bolls, _, joining = separate_bolls(*see(TOUCHING), UP, cm_per_su=1.0)
+    assert len(bolls.centres) == 2 and joining == 0
     assert (bolls.one_boll > 0.5).all()
 
 
@@ -192,8 +192,8 @@ def test_what_few_votes_are_for_is_no_boll_where_it_hardly_looks_like_lint(proba
 def test_without_votes_there_are_no_bolls():
     votes, lint = see(TOUCHING)
     none = [view.take(np.zeros(len(view.rays), bool)) for view in votes]
-    bolls = separate_bolls(none, lint, UP).bolls
-    assert bolls.centres.shape == (0, 3) and not len(bolls.one_boll)
+    bolls, _, joining = separate_bolls(none, lint, UP)
+    assert bolls.centres.shape == (0, 3) and not len(bolls.one_boll) and joining == 0
 
 
 @pytest.mark.parametrize("true", [0.0, 1.0])

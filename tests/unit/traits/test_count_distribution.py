@@ -20,10 +20,10 @@ from cotton3dg.traits.count_distribution import (
     miscounted_volume,
     outcomes,
 )
-from cotton3dg.traits.error_model import Filming, interval
+from cotton3dg.traits.error_model import Conditions, interval
 
 DRAWS = 20_000
-SHORT_WALK = Filming(gap_deg=280.0)
+SHORT_WALK = Conditions(gap_deg=280.0)
 
 
 def boll(confidence: float = 1.0, *flags: str, volume_cm3: float = 40.0) -> BollTraits:
@@ -54,7 +54,7 @@ def draw_states(rng: np.random.Generator) -> list[np.ndarray]:
     return [np.flatnonzero(states == k) for k in range(len(COMMON))]
 
 
-def draw(bolls: list[BollTraits], touching: list[bool], filming: Filming) -> np.ndarray:
+def draw(bolls: list[BollTraits], touching: list[bool], conditions: Conditions) -> np.ndarray:
     """(DRAWS,) true counts."""
     rng, counts = np.random.default_rng(0), np.zeros(DRAWS, np.int64)
     draws_of = draw_states(rng)
@@ -62,18 +62,18 @@ def draw(bolls: list[BollTraits], touching: list[bool], filming: Filming) -> np.
         for draws, state in zip(draws_of, COMMON, strict=True):
             counts[draws] += rng.choice(3, len(draws), p=outcomes(one, touches, state))
         if is_counted(one.flags):
-            counts += rng.random(DRAWS) < hidden_probability(filming)
+            counts += rng.random(DRAWS) < hidden_probability(conditions)
     return counts
 
 
 @pytest.mark.parametrize("touches", [False, True])
-@pytest.mark.parametrize("filming", [Filming(), SHORT_WALK])
+@pytest.mark.parametrize("conditions", [Conditions(), SHORT_WALK])
 @pytest.mark.parametrize("name", PLANTS)
-def test_the_count_is_distributed_as_draws_of_its_model(name, filming, touches) -> None:
+def test_the_count_is_distributed_as_draws_of_its_model(name, conditions, touches) -> None:
     bolls = PLANTS[name]
     touching = [touches] * len(bolls)
     counted = sum(is_counted(one.flags) for one in bolls)
-    drawn, stated = draw(bolls, touching, filming), distribute_count(bolls, touching, None, filming)
+    drawn, stated = draw(bolls, touching, conditions), distribute_count(bolls, touching, None, conditions)
     seen = np.bincount(drawn, minlength=len(stated.probabilities)) / DRAWS
     assert stated.probabilities == pytest.approx(seen, abs=0.012)
     assert stated.probabilities.sum() == pytest.approx(1.0)
@@ -104,7 +104,7 @@ def test_a_count_that_is_sure_is_its_own_interval() -> None:
 
 def test_without_a_boll_or_a_whole_plant_no_distribution_is_known() -> None:
     assert distribute_count([], []) is None
-    assert distribute_count([boll()], [False], filming=Filming(whole=False)) is None
+    assert distribute_count([boll()], [False], conditions=Conditions(whole=False)) is None
 
 
 def test_two_parts_of_one_boll_are_one_too_many() -> None:
@@ -141,9 +141,9 @@ def test_halves_do_not_lead_below_no_boll() -> None:
     assert stated.interval(2)[0] == 0
 
 
-@pytest.mark.parametrize("filming", [Filming(), SHORT_WALK])
+@pytest.mark.parametrize("conditions", [Conditions(), SHORT_WALK])
 @pytest.mark.parametrize("name", [name for name, bolls in PLANTS.items() if any(is_counted(b.flags) for b in bolls)])
-def test_the_volume_of_what_is_miscounted_is_that_of_draws(name, filming) -> None:
+def test_the_volume_of_what_is_miscounted_is_that_of_draws(name, conditions) -> None:
     bolls = PLANTS[name]
     rng, missing = np.random.default_rng(0), np.zeros(DRAWS)
     draws_of = draw_states(rng)
@@ -160,8 +160,8 @@ def test_the_volume_of_what_is_miscounted_is_that_of_draws(name, filming) -> Non
                 two[draws] = rng.random(len(draws)) < outcomes(one, False, state).two
             missing -= np.where(none, one.volume_cm3, 0.0) + np.where(two, HULL_OF_TWO * one.volume_cm3, 0.0)
         if is_counted(one.flags):
-            missing += (rng.random(DRAWS) < hidden_probability(filming)) * rng.choice(known, DRAWS)
-    stated = miscounted_volume(bolls, [False] * len(bolls), filming)
+            missing += (rng.random(DRAWS) < hidden_probability(conditions)) * rng.choice(known, DRAWS)
+    stated = miscounted_volume(bolls, [False] * len(bolls), conditions)
     assert stated.mean == pytest.approx(missing.mean(), abs=1.0)
     assert np.sqrt(stated.variance) == pytest.approx(missing.std(), rel=0.03, abs=0.1)
     # With the error of the bolls themselves, as in a plant's row.

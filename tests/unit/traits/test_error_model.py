@@ -10,7 +10,7 @@ from scenes.table_scene import POSE
 from cotton3dg.core.measurements import BollTraits, Scale
 from cotton3dg.traits import error_model
 from cotton3dg.traits.error_model import (
-    Filming,
+    Conditions,
     blurs_bolls,
     boll_volume_error,
     find_touching,
@@ -104,22 +104,38 @@ def test_a_boll_errs_with_scale_edges_shape_and_a_neighbour(monkeypatch) -> None
     assert ball == pytest.approx(np.linalg.norm(parts[1:]))
     # A blur of 10 px moves edges as far out as unsure masks do.
     monkeypatch.setattr(error_model, "SHARED_BLUR", 0.01)
-    blurred = boll_volume_error(25.0, volume, 32, scale(0.0), 1.0, filming=Filming(blur_px=10.0))
+    blurred = boll_volume_error(25.0, volume, 32, scale(0.0), 1.0, conditions=Conditions(blur_px=10.0))
     assert blurred == pytest.approx(np.linalg.norm([*parts, 3 * 0.2 / 25]))
 
 
 def test_sides_that_no_image_shows_make_all_volumes_less_sure() -> None:
-    known = [boll_volume_error(25.0, 8000.0, 32, scale(0.0), 1.0, filming=Filming(gap_deg=gap)) for gap in (0, 60, 160)]
+    known = [
+        boll_volume_error(25.0, 8000.0, 32, scale(0.0), 1.0, conditions=Conditions(gap_deg=gap)) for gap in (0, 60, 160)
+    ]
     assert known[0] == known[1]
     assert known[2] == pytest.approx(np.hypot(known[0], error_model.UNSEEN))
     bolls = [boll(8.0, 8.0 * known[2]) for _ in range(400)]
-    of_plant = plant_volume_error_cm3(bolls, np.full(400, np.inf), scale(0.0), 0.3, filming=Filming(gap_deg=160.0))
+    of_plant = plant_volume_error_cm3(
+        bolls, np.full(400, np.inf), scale(0.0), 0.3, conditions=Conditions(gap_deg=160.0)
+    )
     assert of_plant == pytest.approx(400 * 8.0 * error_model.UNSEEN, rel=0.05)
+
+
+def test_volumes_of_bolls_that_come_in_parts_are_less_sure() -> None:
+    whole, parts = (
+        boll_volume_error(25.0, 8000.0, 32, scale(0.0), 1.0, conditions=Conditions(joining=share)) for share in (0, 0.6)
+    )
+    assert parts == pytest.approx(np.hypot(whole, 0.6 * error_model.IN_PARTS))
+    bolls = [boll(8.0, 8.0 * parts) for _ in range(400)]
+    of_plant = plant_volume_error_cm3(bolls, np.full(400, np.inf), scale(0.0), 0.3, conditions=Conditions(joining=0.6))
+    assert of_plant == pytest.approx(400 * 8.0 * 0.6 * error_model.IN_PARTS, rel=0.1), "all bolls err alike"
 
 
 def test_of_a_plant_that_is_never_whole_in_view_no_error_is_known() -> None:
     bolls = [boll(8.0, 0.2)]
-    assert np.isnan(plant_volume_error_cm3(bolls, np.array([np.inf]), scale(0.0), 0.3, filming=Filming(whole=False)))
+    assert np.isnan(
+        plant_volume_error_cm3(bolls, np.array([np.inf]), scale(0.0), 0.3, conditions=Conditions(whole=False))
+    )
 
 
 def test_a_plant_is_blurred_where_bolls_are_few_times_as_wide_as_the_blur() -> None:

@@ -24,7 +24,7 @@ from cotton3dg.traits import boll_volume, error_model
 from cotton3dg.traits import measure as measure_module
 from cotton3dg.traits.boll_volume import measure_bolls
 from cotton3dg.traits.corrections import still_left_out
-from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX, UNSEEN, Filming
+from cotton3dg.traits.error_model import EDGE_PX, SHAPE, SHARED_EDGE_PX, UNSEEN, Conditions
 from cotton3dg.traits.measure import measure_parts, measure_whole, summarise_plant
 
 
@@ -114,7 +114,7 @@ def test_a_side_that_was_not_filmed_widens_the_volumes_of_plant_and_bolls():
     places, labels = plant_points_cm(np.random.default_rng(0))
     gaussians = gaussians_at(places, 0.2)
     whole, half = (
-        measure_plant(gaussians, bolls_of(gaussians, labels), SCALE, 0.0, 4.0, filming=Filming(gap_deg=gap))
+        measure_plant(gaussians, bolls_of(gaussians, labels), SCALE, 0.0, 4.0, conditions=Conditions(gap_deg=gap))
         for gap in (20.0, 160.0)
     )
     volume, more = whole.traits.boll_volume_cm3, UNSEEN * whole.traits.boll_volume_cm3

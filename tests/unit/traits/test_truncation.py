@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from cotton3dg.core.scene import Camera
-from cotton3dg.traits.stage import _filming
+from cotton3dg.traits.error_model import Conditions
+from cotton3dg.traits.stage import _conditions
 from cotton3dg.traits.truncation import check_truncation, find_cut
 from cotton3dg.workspace import Workspace
 
@@ -64,5 +65,5 @@ def test_a_foot_below_the_frame_leaves_the_size_known(stem: np.ndarray) -> None:
 
 def test_the_walk_tells_the_errors_what_it_left_out(tmp_path: Path) -> None:
     half = [look(azimuth, 0.35) for azimuth in range(0, 201, 10)]
-    assert _filming(Workspace(tmp_path), half).gap_deg == pytest.approx(160, abs=2)
-    assert _filming(Workspace(tmp_path), []).gap_deg == 0
+    assert _conditions(Workspace(tmp_path), half, 0.0).gap_deg == pytest.approx(160, abs=2)
+    assert _conditions(Workspace(tmp_path), [], 0.4) == Conditions(joining=0.4)

@@ -173,7 +173,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE: Final = Stage(
     "cluster",
-    version=15,
+    version=16,
     inputs=inputs,
     run=run,
     cost=_cost,

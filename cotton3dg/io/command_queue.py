@@ -14,8 +14,10 @@ from ..errors import DOUBTFUL, BadUsage, CaptureFailed
 
 DONE_WITH: Final = {"check": (0, DOUBTFUL, CaptureFailed.exit_code), "run": (0,)}
 """Command -> exit codes with which it has done its work."""
+BUTTONS: Final = {"check": "Check the film", "run": "Measure"}
+"""Command -> the words of its button."""
 WAITS: Final = "waits for its turn"
-STOPPED: Final = "stopped; the same button goes on from there"
+STOPPED: Final = {name: f"stopped; “{button}” goes on from there" for name, button in BUTTONS.items()}
 FAR: Final = re.compile(r"(\w+)(?: \(\d+ of \d+\))?: (\d+)/([1-9]\d*)\b.*?(, about [^,]+ left)?$")
 """A line of a command that says how far it is. Its place among the stages counts only those that this command runs."""
 
@@ -86,7 +88,7 @@ class CommandQueue:
             if done:
                 del self._lines[plant]
             elif plant in self._stopped:
-                self._lines[plant] = STOPPED
+                self._lines[plant] = STOPPED[words[0]]
             self._works_on = ""
             self._stopped.discard(plant)
             self.asked.discard(plant)

@@ -134,8 +134,8 @@ FLAGS: Final = {
         "The size of the table was assumed",
         "No size was given, so the table is taken for one of 120 x 60 cm. If yours is another, all lengths are wrong by"
         " the same share and volumes by three times as much; the errors do not allow for it.",
-        "Measure the table top and give its sides (scale.table_length_cm, scale.table_width_cm), or lay a printed"
-        " marker or card beside the plant.",
+        "Measure the table top and give its sides (“Table, cm” on the page of cotton3dg view, or"
+        " scale.table_length_cm and scale.table_width_cm), or lay a printed marker or card beside the plant.",
     ),
     "table_edge_unclear": Meaning(
         "One edge of the table is unclear",

@@ -22,7 +22,7 @@ from .. import __version__
 from ..core.runs import State
 from ..errors import BadInput
 from ..io.tables import parse_number
-from ..options import PRESETS
+from ..options import PRESETS, USUAL_TABLE_CM
 from ..schemas.check import RED, YELLOW, CheckInfo
 from ..stage import STAGES
 from ..workspace import VIDEO_SUFFIXES, Workspace
@@ -59,6 +59,7 @@ def view_page(name: str, *, is_field: bool, usual: Mapping[str, str] | None = No
         "name": name,
         "is_field": is_field,
         "usual": usual or {},
+        "usual_table": [f"{side:g}" if is_field else "as before" for side in USUAL_TABLE_CM],
         "shown": SHOWN,
         "presets": PRESETS,
         "sureness": SURENESS,

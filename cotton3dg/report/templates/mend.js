@@ -24,6 +24,7 @@ const corrections = (() => {
   // pressed: a click on a page that goes would be lost.
   function tell(what, said) {
     left += 1;
+    document.getElementById("to_save").textContent = "Corrections";
     note.textContent = "The plant is measured anew …";
     const sent = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(said) };
     turn = turn.then(() => fetch(what, sent)).then(

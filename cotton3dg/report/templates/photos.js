@@ -221,7 +221,7 @@
       }
       if (data.corners.length) {
         line([...data.corners, data.corners[0]], "outline");
-        data.corners.forEach((place, n) => { const at = project(photo, place); if (at) label(at, n + 1, "corner"); });
+        data.corners.forEach((place, n) => { const at = project(photo, place); if (at) label(at, `corner ${n + 1}`, "corner"); });
       }
       for (const { marks } of marked) {
         for (const place of marks) { const at = project(photo, place); if (at) cross(at, "marked"); }

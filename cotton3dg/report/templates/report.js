@@ -33,7 +33,8 @@ const picking = (() => {
     if (first && first !== id && row) mend("merge", [first, id]);
     for (const [other, own] of rows) {
       own.classList.toggle("chosen", other === id);
-      own.querySelector("[data-mend=merge]").disabled = other === id;  // with itself
+      const merge = own.querySelector("[data-mend=merge]");
+      [merge.disabled, merge.textContent] = [other === id, !row || other === id ? "merge" : `with ${id}`];
       own.querySelector("button").setAttribute("aria-pressed", String(other === id));
     }
     if (row && panel) describe(row, id);

@@ -2,6 +2,10 @@
 // The plants of the folder as they are now: asked for every few seconds while somebody looks.
 (() => {
   const EVERY_MS = 2000;
+  const STAGES = {
+    frames: "choosing images", sfm: "finding the cameras", train: "building the model", scale: "finding the scale",
+    masks: "finding lint", segment: "lint in space", cluster: "separating bolls", traits: "measuring",
+  };
   const body = document.getElementById("plants");
   const traits = body.dataset.traits.split(" ");
   const sureness = JSON.parse(body.dataset.sureness);
@@ -42,6 +46,7 @@
     row.append(make("th", { scope: "row" }), ...Array.from({ length: traits.length + 3 }, () => make("td")));
     for (const [n, cell] of [...row.cells].entries()) if (n > 1) cell.dataset.label = heads[n];
     row.cells[1].className = "remarks";
+    row.cells[2 + traits.length].className = "film";
     for (const cell of [...row.cells].slice(2, 2 + traits.length)) cell.className = "n";
     const tools = make("div", { className: "tools" });
     row.lastChild.append(tools);
@@ -75,9 +80,10 @@
     const has = page => found.pages.includes(page);
     row.cells[0].replaceChildren(has("report.html") ? link(found.plant, "report.html", found.shown) : found.shown);
     const busy = found.busy || found.state === "working";
-    const last = found.job && !found.job.includes(found.text) ? `${found.text}; ${found.job}` : found.text;
+    const stopped = found.job.startsWith("stopped");
+    const last = stopped || found.job.includes(found.text) ? found.job : [found.text, found.job].filter(Boolean).join("; ");
     // How far a job of this page is, it says itself; of other runs only the log is there.
-    const now = found.job || (found.state === "working" ? found.text : "at work");
+    const now = (found.busy ? found.job || "at work" : found.text).replace(/^\w+/, stage => STAGES[stage] ?? stage);
     const words = busy ? `working: ${now}` : `${found.state}: ${last}`;
     const made = !busy && found.made_with && make("span", { className: "soft", textContent: found.made_with });
     row.cells[1].replaceChildren(make("span", { className: found.verdict, textContent: words }), ...(made ? [make("br"), made] : []));
@@ -94,6 +100,7 @@
     }
     const tools = row.lastChild.firstChild;
     if (has("traits/traits.csv") && !tools.querySelector("a")) {
+      if (has("report.html")) tools.append(link(found.plant, "report.html", "Report"));
       tools.append(link(found.plant, "traits/traits.csv", "Row (CSV)"), link(found.plant, "traits/bolls.csv", "Bolls (CSV)"));
     }
     return row;

@@ -41,10 +41,10 @@ def test_work_that_fails_says_why_and_what_is_stopped_says_so(tmp_path):
             queue.add("second", ["run", str(tmp_path)])
         assert queue.text("second") == WAITS
         queue.stop("second")
-        assert queue.text("second") in ("stops", STOPPED)
+        assert queue.text("second") in ("stops", STOPPED["run"])
         queue.stop("third")
         until_idle(queue)
-        assert "does not exist" in queue.text("first") and queue.text("second") == STOPPED
+        assert "does not exist" in queue.text("first") and queue.text("second") == STOPPED["run"]
         queue.add("second", ["run", str(tmp_path / "nowhere else")])
         until_idle(queue)
         assert "does not exist" in queue.text("second")

@@ -95,10 +95,10 @@ def join_two(a: Part, b: Part) -> Part:
 
 def measure_pair(one: Part, other: Part, up: Float64, cm_per_su: float) -> PairMeasures:
     """The measures of a pair of parts; `up` (3,) points upwards in the scene."""
-    apart = one.lint_middle - other.lint_middle
+    apart, upwards = one.lint_middle - other.lint_middle, np.asarray(up) / np.linalg.norm(up)
     return PairMeasures(
-        sideways_cm=float(np.linalg.norm(np.cross(apart, up)) / np.linalg.norm(up)) * cm_per_su,
-        apart_cm=float(np.linalg.norm(apart)) * cm_per_su,
+        sideways_cm=float(np.linalg.norm(np.cross(apart, upwards))) * cm_per_su,
+        below_cm=float(abs(apart @ upwards)) * cm_per_su,
         two_middles=gain_of_two(one, other),
     )
 

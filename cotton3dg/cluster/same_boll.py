@@ -16,6 +16,8 @@ from typing import Final, NamedTuple
 
 SCORE_FILE: Final = Path(__file__).with_name("same_boll.toml")
 SUREST: Final = 1e-6
+USUAL_JOINING: Final = 0.3
+"""Share of joining parts of a plant of which nothing is known yet."""
 
 
 class PairMeasures(NamedTuple):
@@ -23,8 +25,8 @@ class PairMeasures(NamedTuple):
 
     sideways_cm: float
     """Horizontal distance between the middles of their lint: locks hang below their boll, a neighbour is beside it."""
-    apart_cm: float
-    """The distance itself."""
+    below_cm: float
+    """Vertical distance between them."""
     two_middles: float
     """By how much the mean log likelihood of their votes grows when two middles explain them instead of one."""
 
@@ -64,7 +66,8 @@ class Score:
     constant: float
     terms: tuple[Term, ...]
     joining: Term
-    """Share of the plant's parts that join others. Either most bolls of a plant come in parts or few do."""
+    """`two_middles` times the share of the plant's parts that join others. Either most bolls of a plant come in parts
+    or few do, and two middles are evidence of two bolls only where few do."""
     split_gain: float
     """A part is split if two middles raise the mean log likelihood of its votes by more than this."""
     one_boll: Calibration = Calibration()
@@ -72,10 +75,14 @@ class Score:
 
     def of_plant(self, joining: float) -> Score:
         """The score for a plant of which this share of parts joins others."""
-        return replace(self, constant=self.constant + self.joining.weight * (joining - self.joining.usual))
+        weights = {"two_middles": self.joining.weight * joining}
+        terms = tuple(replace(term, weight=term.weight + weights.get(term.name, 0.0)) for term in self.terms)
+        moved = sum(weights.get(term.name, 0.0) * term.usual for term in self.terms)
+        constant = self.constant + moved - self.joining.weight * self.joining.usual
+        return replace(self, constant=constant, terms=terms, joining=Term("joining", 0.0, 0.0))
 
     def probability(self, measures: PairMeasures) -> float:
-        """Probability that both parts are one boll, 0..1; before `of_plant`, on a usual plant."""
+        """Probability that both parts are one boll, 0..1, of the score for a plant (`of_plant`)."""
         odds = self.constant
         for term in self.terms:
             odds += term.weight * (getattr(measures, term.name) - term.usual)

@@ -21,7 +21,7 @@ from .boll_parts import Part, gather_parts
 from .hough_voting import APART, FARTHEST, Middles, Votes, find_faint, find_middles
 from .join_parts import join_parts
 from .lint_in_space import LintInSpace
-from .same_boll import Score, read_score
+from .same_boll import USUAL_JOINING, Score, read_score
 from .split_parts import split_parts
 
 EXPLAINED: Final = 0.15
@@ -81,7 +81,8 @@ def join_bolls(parts: Mapping[int, Part], up: Float64, cm_per_su: float, score: 
 
 def find_joining(parts: Mapping[int, Part], up: Float64, cm_per_su: float, score: Score) -> float:
     """Share of the parts that join others, by the score for a usual plant."""
-    return joined_share(len(join_parts(parts, up, cm_per_su, score.probability).parts), len(parts))
+    usual = score.of_plant(USUAL_JOINING)
+    return joined_share(len(join_parts(parts, up, cm_per_su, usual.probability).parts), len(parts))
 
 
 def joined_share(bolls: int, parts: int) -> float:

@@ -173,7 +173,7 @@ def _cost(work: Work) -> Cost:
 
 STAGE: Final = Stage(
     "cluster",
-    version=16,
+    version=17,
     inputs=inputs,
     run=run,
     cost=_cost,

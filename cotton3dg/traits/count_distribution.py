@@ -25,7 +25,7 @@ from .error_model import IS_TWO, UNROUND_FLAG, USUAL_CONDITIONS, Conditions
 TAIL: Final = 0.025
 """Probability beyond either end of a 95 % interval."""
 COMMON_DEVIATION: Final = 0.5
-"""Standard deviation between plants of the log odds of one boll. It is 1.4 for kinds of bolls that the score was not
+"""Standard deviation between plants of the log odds of one boll. It is 0.9 for kinds of bolls that the score was not
 fitted to (`make same-boll`), and the score knows the kinds of most plants (docs/notes/stated_errors.md)."""
 NODES: Final = 5
 """Number of nodes of the integral over plants."""

@@ -44,7 +44,7 @@ from cotton3dg.cluster.split_parts import split_parts
 from cotton3dg.evaluation.match import MATCH_DISTANCE_CM, match_bolls
 from cotton3dg.io.saving import write_text_atomically
 
-TERMS = {"sideways_cm": -1, "apart_cm": -1, "two_middles": -1}
+TERMS = {"sideways_cm": -1, "below_cm": -1, "two_middles": -1}
 """Measures, and whether more of it speaks for one boll or against."""
 PURE = 0.6
 """Least share of a part's lint that is of one true boll, for the part to teach."""
@@ -134,7 +134,9 @@ def fit(plants: Sequence[Sequence[Example]], split_gain: float) -> Score:
     examples = [example for plant in plants for example in plant]
     say = np.concatenate([np.full(len(plant), len(examples) / len(plants) / max(len(plant), 1)) for plant in plants])
     say = np.tile(say, len(CULTIVARS)) / len(CULTIVARS)
-    rows = np.array([[*(getattr(measures, name) for name in TERMS), share] for measures, share, _ in examples])
+    rows = np.array(
+        [[*(getattr(each, name) for name in TERMS), each.two_middles * share] for each, share, _ in examples]
+    )
     rows = np.concatenate([rows * [size if name.endswith("_cm") else 1 for name in names] for size in CULTIVARS])
     true = np.where(np.tile([so for *_, so in examples], len(CULTIVARS)), 1.0, -1.0)
     usual, spread = rows.mean(axis=0).round(3), rows.std(axis=0).clip(min=1e-9)
@@ -293,7 +295,7 @@ def write_score(path: Path, score: Score, films: int) -> None:
         "terms = [",
         *(f'  {{ name = "{t.name}", usual = {t.usual}, weight = {t.weight} }},' for t in score.terms),
         "]",
-        "# The share of the plant's parts that join others by these terms alone.",
+        "# two_middles times the share of the plant's parts that join others.",
         f"joining = {{ usual = {score.joining.usual}, weight = {score.joining.weight} }}",
         "# A part is split if two middles explain its votes so much better than one (mean log likelihood of a vote).",
         f"split_gain = {score.split_gain}",

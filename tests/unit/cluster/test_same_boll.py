@@ -12,7 +12,7 @@ from scenes.seen_balls import Ball, see
 from cotton3dg.cluster.boll_parts import gain_of_two, gather_parts, join_two, measure_pair
 from cotton3dg.cluster.hough_voting import Middles, find_faint
 from cotton3dg.cluster.join_parts import join_parts
-from cotton3dg.cluster.same_boll import Calibration, PairMeasures, Score, Term, logistic, read_score
+from cotton3dg.cluster.same_boll import USUAL_JOINING, Calibration, PairMeasures, Score, Term, logistic, read_score
 from cotton3dg.cluster.separate_bolls import find_joining, separate_bolls
 
 TOUCHING = [Ball((0, 0, 0), 2.3), Ball((4.4, 0, 0), 2.3)]
@@ -44,9 +44,10 @@ def test_two_balls_are_measured_as_they_are():
     measures = measure_pair(parts[0], parts[1], UP, cm_per_su=1.0)
     assert measures.two_middles > 1
     assert measures.sideways_cm == pytest.approx(4.4, abs=0.2)
-    assert measures.apart_cm == pytest.approx(4.4, abs=0.2)
+    assert measures.below_cm == pytest.approx(0, abs=0.2)
     on_its_side = measure_pair(parts[0], parts[1], np.array([3.0, 4.0, 0.0]), cm_per_su=1.0)
     assert on_its_side.sideways_cm == pytest.approx(0.8 * 4.4, abs=0.2)
+    assert on_its_side.below_cm == pytest.approx(0.6 * 4.4, abs=0.2)
     twice = measure_pair(parts[0], parts[1], UP, cm_per_su=2.0)
     lengths = {name: 2 * getattr(measures, name) for name in measures._fields if name.endswith("_cm")}
     assert twice == pytest.approx(measures._replace(**lengths), abs=1e-3)
@@ -76,27 +77,39 @@ def test_a_part_without_lint_lies_where_its_votes_meet():
 @pytest.mark.parametrize(("measure", "sign"), TERMS.items())
 def test_the_fitted_score_goes_where_physics_says(measure, sign):
     """Farther beside, with votes that meet in two places: less likely one boll."""
-    usual = PairMeasures(sideways_cm=2.0, apart_cm=3.0, two_middles=0.5)
+    usual = PairMeasures(sideways_cm=2.0, below_cm=2.0, two_middles=0.5)
     more = usual._replace(**{measure: getattr(usual, measure) + 0.2})
-    score = read_score()
+    score = read_score().of_plant(USUAL_JOINING)
     assert sign * (score.probability(more) - score.probability(usual)) >= 0
-    near, far = PairMeasures(1.0, 1.5, 0.1), PairMeasures(4.0, 4.5, 1.0)
+    near, far = PairMeasures(1.0, 1.0, 0.1), PairMeasures(4.0, 2.0, 1.0)
     assert score.probability(near) > 0.5 > score.probability(far)
 
 
 def test_a_lock_below_is_rather_of_the_boll_than_a_neighbour_beside_it():
-    """Both 4.5 cm away, with votes that two middles explain alike."""
-    below, beside = (read_score().probability(PairMeasures(sideways, 4.5, 0.6)) for sideways in (0.7, 4.4))
-    assert below > 0.5 > beside
+    """Both 4.5 cm away, with votes that two middles explain alike, where bolls come in parts."""
+    parts = read_score().of_plant(0.5)
+    assert parts.probability(PairMeasures(0.7, 4.4, 0.6)) > 0.5 > parts.probability(PairMeasures(4.4, 0.7, 0.6))
 
 
 def test_what_lies_below_a_boll_is_a_lock_where_bolls_come_in_parts_and_a_small_boll_where_none_does():
-    """A pair of the touching set: the lower lint 3.7 cm below and hardly beside, both wide; it was joined before."""
-    below = PairMeasures(sideways_cm=0.7, apart_cm=3.7, two_middles=0.75)
+    """A pair of the touching set: the lower lint 3.6 cm below and hardly beside, both wide; it was joined before."""
+    below = PairMeasures(sideways_cm=0.7, below_cm=3.6, two_middles=0.75)
     whole, parts = (read_score().of_plant(joining) for joining in (0.05, 0.5))
     assert parts.probability(below) > 0.5 > whole.probability(below)
-    near = PairMeasures(0.8, 1.0, 0.1)
-    assert whole.probability(near) > 0.5, "two sides of one boll join on any plant"
+
+
+@pytest.mark.parametrize("measures", [(2.5, 0.8, 0.06), (2.2, 1.3, 0.24), (1.8, 0.6, 0.19), (2.2, 1.7, 0.13)])
+def test_two_sides_of_one_boll_join_where_most_bolls_are_whole(measures):
+    """Pairs of path-traced plants, which a share of joining parts that counts for every pair alike kept apart."""
+    assert read_score().of_plant(0.15).probability(PairMeasures(*measures)) > 0.5
+
+
+def test_the_score_of_a_plant_is_the_score_with_its_product():
+    score = Score(
+        -1.0, (Term("sideways_cm", 4.0, -1.0), Term("two_middles", 0.9, -7.0)), Term("joining", 0.4, 12.0), 0.2
+    )
+    odds = -1 - (2.5 - 4) - 7 * (0.6 - 0.9) + 12 * (0.6 * 0.35 - 0.4)
+    assert score.of_plant(0.35).probability(PairMeasures(2.5, 1.0, 0.6)) == pytest.approx(logistic(odds))
 
 
 def test_the_share_of_parts_that_join():

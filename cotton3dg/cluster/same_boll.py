@@ -74,12 +74,16 @@ class Score:
     """Calibration of the probability that joined parts are one boll; pairs are not independent of each other."""
 
     def of_plant(self, joining: float) -> Score:
-        """The score for a plant of which this share of parts joins others."""
-        weights = {"two_middles": self.joining.weight * joining}
-        terms = tuple(replace(term, weight=term.weight + weights.get(term.name, 0.0)) for term in self.terms)
-        moved = sum(weights.get(term.name, 0.0) * term.usual for term in self.terms)
-        constant = self.constant + moved - self.joining.weight * self.joining.usual
-        return replace(self, constant=constant, terms=terms, joining=Term("joining", 0.0, 0.0))
+        """The score for a plant of which this share of parts joins others.
+
+        From some share on, two middles would be evidence of one boll; a larger share counts as this one.
+        """
+        constant, terms = self.constant - self.joining.weight * self.joining.usual, []
+        for term in self.terms:
+            more = min(self.joining.weight * joining, -term.weight) if term.name == "two_middles" else 0.0
+            terms.append(replace(term, weight=term.weight + more))
+            constant += more * term.usual
+        return replace(self, constant=constant, terms=tuple(terms), joining=Term("joining", 0.0, 0.0))
 
     def probability(self, measures: PairMeasures) -> float:
         """Probability that both parts are one boll, 0..1, of the score for a plant (`of_plant`)."""

@@ -97,6 +97,11 @@ def test_what_lies_below_a_boll_is_a_lock_where_bolls_come_in_parts_and_a_small_
     whole, parts = (read_score().of_plant(joining) for joining in (0.05, 0.5))
     assert parts.probability(below) > 0.5 > whole.probability(below)
 
+    for share, less in ((0.2, 1), (0.9, 0)):
+        score = read_score().of_plant(share)
+        one, two = (score.probability(below._replace(two_middles=gain)) for gain in (0.2, 0.8))
+        assert (one > two) == less and one >= two, "two middles never speak for one boll"
+
 
 @pytest.mark.parametrize("measures", [(2.5, 0.8, 0.06), (2.2, 1.3, 0.24), (1.8, 0.6, 0.19), (2.2, 1.7, 0.13)])
 def test_two_sides_of_one_boll_join_where_most_bolls_are_whole(measures):
@@ -173,9 +178,9 @@ def test_bolls_that_touch_stay_two():
 def test_the_nearer_two_bolls_lie_the_less_sure_they_are_two():
     near, far = (
         separate_bolls(
-            *see([TOUCHING[0], replace(TOUCHING[1], centre=(apart, 0, 0))], scatter=0.5), UP, cm_per_su=1.0
+            *see([TOUCHING[0], replace(TOUCHING[1], centre=(apart, 0, 0))], scatter=0.8), UP, cm_per_su=1.0
         ).bolls
-        for apart in (3.4, 5.0)
+        for apart in (3.4, 4.0)
     )
     assert len(near.centres) == len(far.centres) == 2
     assert near.one_boll.max() < far.one_boll.min()

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 SCORE_FILE: Final = Path(__file__).with_name("same_boll.toml")
 SUREST: Final = 1e-6
 USUAL_JOINING: Final = 0.3
-"""Share of joining parts of a plant of which nothing is known yet."""
+"""Share of joining parts of a plant before it is known."""
 
 
 class PairMeasures(NamedTuple):
@@ -74,7 +74,7 @@ class Score:
     """Calibration of the probability that joined parts are one boll; pairs are not independent of each other."""
 
     def of_plant(self, joining: float) -> Score:
-        """The score for a plant of which this share of parts joins others.
+        """The score for a plant where this share of parts joins others.
 
         From some share on, two middles would be evidence of one boll; a larger share counts as this one.
         """

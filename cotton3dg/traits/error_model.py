@@ -78,7 +78,7 @@ CROWDED_SHARE: Final = 0.3
 
 @dataclass(frozen=True)
 class Conditions:
-    """What affects the errors of all bolls of a plant: how it was filmed, and of which kind its bolls are."""
+    """What affects the errors of all bolls of a plant: how it was filmed, and the kind of its bolls."""
 
     blur_px: float = 0.0
     """Motion blur of the training images."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from cotton3dg.batch import TABLE
-from cotton3dg.io.tables import BOLLS, TRAITS, csv_text
+from cotton3dg.io.tables import BOLLS, TRAITS, csv_text, is_number
 
 STAND_IN = """
 import os, pathlib, signal, sys, time
@@ -50,7 +50,9 @@ def make_plant(folder: Path, name: str, behaviour: str = "ok") -> Path:
     (plant / "behaviour").write_text(behaviour)
     row = {column.name: 1.5 if column.digits is not None else 7 if column.unit else "" for column in TRAITS}
     row |= {"plant_id": "=" + plant.name, "seconds": 90.04}
-    bolls = [{column.name: -2.5 if column.digits is not None else 3 if column.unit else "007" for column in BOLLS}] * 2
+    bolls = [
+        {column.name: -2.5 if column.digits is not None else 3 if is_number(column) else "007" for column in BOLLS}
+    ] * 2
     (plant / "traits.template").write_text(csv_text(TRAITS, [row], excel=True), newline="")
     (plant / "bolls.template").write_text(csv_text(BOLLS, bolls), newline="")
     return plant

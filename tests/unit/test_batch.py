@@ -26,7 +26,7 @@ from cotton3dg.batch import (
     saved_results,
 )
 from cotton3dg.errors import BadInput, BadUsage, MissingInput
-from cotton3dg.io.tables import BOLLS, TRAITS, csv_text
+from cotton3dg.io.tables import BOLLS, TRAITS, csv_text, is_number
 from cotton3dg.pipeline import stage_options
 
 
@@ -307,7 +307,7 @@ def test_the_field_book_stands_behind_the_columns(tmp_path, stand_in):
         row = {column.name: 1.5 if column.digits is not None else 7 if column.unit else "" for column in TRAITS}
         row |= {"plant_id": f"p{number}", "seconds": 1.0, "boll_count": 10 + number % 3 + 5 * (number > 2)}
         (field / f"p{number}" / "traits.template").write_text(csv_text(TRAITS, [row]), newline="")
-        bolls = [{column.name: 1 if column.unit else f"p{number}" for column in BOLLS}]
+        bolls = [{column.name: 1 if is_number(column) else f"p{number}" for column in BOLLS}]
         (field / f"p{number}" / "bolls.template").write_text(csv_text(BOLLS, bolls), newline="")
     make_plant(field, "p6", "fail no plant; film it")
     lines = [f"p{n};{'ab'[n > 2]};{n % 3};-2.5;=1+1" for n in range(7)] + ["p7;b;1;;"]

@@ -54,7 +54,7 @@ def make_plant(folder: Path, name: str, behaviour: str = "ok") -> Path:
         {column.name: -2.5 if column.digits is not None else 3 if is_number(column) else "007" for column in BOLLS}
     ] * 2
     (plant / "traits.template").write_text(csv_text(TRAITS, [row], excel=True), newline="")
-    (plant / "bolls.template").write_text(csv_text(BOLLS, bolls), newline="")
+    (plant / "bolls.template").write_text(csv_text(BOLLS, [boll] * 2), newline="")
     return plant
 
 

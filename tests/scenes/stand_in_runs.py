@@ -50,9 +50,7 @@ def make_plant(folder: Path, name: str, behaviour: str = "ok") -> Path:
     (plant / "behaviour").write_text(behaviour)
     row = {column.name: 1.5 if column.digits is not None else 7 if column.unit else "" for column in TRAITS}
     row |= {"plant_id": "=" + plant.name, "seconds": 90.04}
-    bolls = [
-        {column.name: -2.5 if column.digits is not None else 3 if is_number(column) else "007" for column in BOLLS}
-    ] * 2
+    boll = {column.name: -2.5 if column.digits is not None else 3 if is_number(column) else "007" for column in BOLLS}
     (plant / "traits.template").write_text(csv_text(TRAITS, [row], excel=True), newline="")
     (plant / "bolls.template").write_text(csv_text(BOLLS, [boll] * 2), newline="")
     return plant

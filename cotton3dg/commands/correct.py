@@ -87,7 +87,10 @@ class Outcome:
         bolls = f"bolls: {self.before:g} → {self.after:g}"
         if not math.isfinite(self.volume_before_cm3 + self.volume_after_cm3):
             return bolls
-        return f"{bolls}, volume: {self.volume_before_cm3:.0f} → {self.volume_after_cm3:.0f} cm³"
+        volume = f"volume: {self.volume_before_cm3:.0f} → {self.volume_after_cm3:.0f} cm³"
+        merged = any(correction.kind == "merge" for correction in self.kept.corrections)
+        gap = " (a merged boll has one hull, with the gap between its parts)"
+        return f"{bolls}, {volume}{gap if merged and self.volume_after_cm3 > self.volume_before_cm3 else ''}"
 
     @property
     def texts(self) -> list[str]:

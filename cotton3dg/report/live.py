@@ -43,6 +43,12 @@ BACK: Final = b'<nav class="back" aria-label="Back"><a href="%b">Back to the tab
 SANDBOX: Final = "sandbox allow-scripts allow-downloads allow-modals; frame-ancestors 'none'"
 """Policy for any other page: its scripts run as if it had come from elsewhere, and the server refuses what they ask."""
 WORKING: Final = "working"
+PRESET_WORDS: Final = {
+    "draft": ": quickest",
+    "paper": ": finest, slowest",
+    "paper1": ": as Cotton3DGaussians",
+    "paper2": ": as the second paper",
+}
 LOG_BYTES: Final = 2**16
 """The end of run.log that is read; the last begin of a stage stands there."""
 TURNS: Final = re.compile(r"^(\S+ \S+),\d+ \w+ (\w+) (starts:|begins$|done in|failed:)", re.MULTILINE)
@@ -61,7 +67,7 @@ def view_page(name: str, *, is_field: bool, usual: Mapping[str, str] | None = No
         "usual": usual or {},
         "usual_table": [f"{side:g}" if is_field else "as before" for side in USUAL_TABLE_CM],
         "shown": SHOWN,
-        "presets": PRESETS,
+        "presets": {preset: f"{preset}{PRESET_WORDS.get(preset, '')}" for preset in PRESETS},
         "sureness": SURENESS,
         "suffixes": ",".join(VIDEO_SUFFIXES),
         "version": __version__,

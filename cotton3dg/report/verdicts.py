@@ -144,6 +144,10 @@ def _parted(warning: str) -> tuple[str, str]:
     return text, remedy
 
 
+FEW_FLAGS: Final = 3
+"""Number of quality flags that a verdict names."""
+
+
 def of_row(flags: Collection[str], n_doubtful_bolls: int, traits: Mapping[str, object]) -> tuple[str, str]:
     """The verdict on a plant's row, and why.
 
@@ -154,8 +158,9 @@ def of_row(flags: Collection[str], n_doubtful_bolls: int, traits: Mapping[str, o
         return YELLOW, "No bolls were found"
     if "no_scale" in flags:
         return YELLOW, "Counted only: no scale, so no centimetres"
-    if n := len(flags):
-        return YELLOW, f"Look before you use it: {n} quality {'flag' if n == 1 else 'flags'}"
+    if flags:
+        names = ", ".join(flag.replace("_", " ") for flag in flags)
+        return YELLOW, f"Look before you use it: {names if len(flags) <= FEW_FLAGS else f'{len(flags)} quality flags'}"
     if n := n_doubtful_bolls:
         return YELLOW, f"Good, but look at {n} doubtful {'boll' if n == 1 else 'bolls'}"
     if unsure := find_unsure(traits):

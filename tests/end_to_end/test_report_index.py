@@ -51,7 +51,7 @@ def test_the_index_says_of_a_row_what_its_report_says(tmp_path):
     seen = Page(index_page("field", tmp_path, [batch_row("b", boll_count=3), flagged]))
     assert "Yellow. 2 of 2 plants done, 1 of them yellow" in seen.text
     assert seen.count("td", **{"class": "green"}) == seen.count("td", **{"class": "yellow"}) == 1
-    assert seen.count("td", title="Look before you use it: 1 quality flag") == 1
+    assert seen.count("td", title="Look before you use it: table size assumed") == 1
     assert "Green. 1 of 1 plants done" in Page(index_page("field", tmp_path, [batch_row("b")])).text
     failed = batch_row("c", "failed", reason="dark; film again")
     assert "Red. 0 of 1 plants done, 1 failed" in Page(index_page("field", tmp_path, [failed])).text

@@ -65,7 +65,8 @@ def test_corrections_leave_the_bytes_that_correct_leaves_and_undo_takes_them_bac
     page = page_of(reported_copy.root)
     assert page.json("plant_017/corrections") == {"kept": [], "message": ""}
     status, answer = page.posts("plant_017/corrections", MERGE)
-    assert status == HTTPStatus.OK and re.fullmatch(r"Bolls: 4 → 3, volume: \d+ → \d+ cm³", answer["message"])
+    assert status == HTTPStatus.OK
+    assert re.fullmatch(r"Bolls: 4 → 3, volume: \d+ → \d+ cm³ \(a merged .*\)", answer["message"])
     saved = tmp_path / "corrections.json"
     saved.write_text(json.dumps(MERGE))
     correct(by_command, Asked(file=saved))

@@ -2,6 +2,7 @@
 // What a person says of the plant, in order: listed, taken back, saved as corrections.json. `cotton3dg view` marks the
 // page: there it applies at once.
 const corrections = (() => {
+  const READ_MS = 15000;
   const items = [];
   const listeners = [];
   const panel = document.getElementById("mending");
@@ -43,6 +44,8 @@ const corrections = (() => {
       kept = answer.kept ?? [];
       if (!left) note.textContent = answer.message;
       update();
+      // An empty list would stay in front of the page for a message that was read.
+      setTimeout(() => { if (!left && !kept.length) { note.textContent = ""; update(); } }, READ_MS);
     });
   }
 

@@ -109,7 +109,9 @@ def test_a_plant_without_bolls_has_no_volume_on_its_card() -> None:
 
 def test_flags_and_doubtful_bolls_make_a_row_yellow() -> None:
     assert of_row([], 0, SURE) == ("green", "All checks passed")
-    assert of_row(["orbit_gap"], 3, SURE) == ("yellow", "Look before you use it: 1 quality flag")
+    assert of_row(["orbit_gap"], 3, SURE) == ("yellow", "Look before you use it: orbit gap")
+    two, many = (of_row(["orbit_gap", "dark", "blurred", "close"][:n], 0, SURE)[1] for n in (2, 4))
+    assert two.endswith(": orbit gap, dark") and many.endswith(": 4 quality flags")
     assert of_row([], 2, SURE) == ("yellow", "Good, but look at 2 doubtful bolls")
     assert of_row(["no_bolls"], 0, SURE) == ("yellow", "No bolls were found")
 

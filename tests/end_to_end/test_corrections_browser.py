@@ -77,13 +77,13 @@ OVERLAPS = """
 
 
 def test_numbers_in_photos_do_not_lie_on_each_other(reported_copy, tmp_path):
-    """Two bolls that a photo shows near each other: one number until the photo is enlarged, a dot for each boll."""
+    """Three bolls that a photo shows near each other: a dot for each, and all numbers once the photo is enlarged."""
     page = reported_copy.report_html.read_text(encoding="utf-8")
     begin = page.index('id="photos_data"')
     begin, end = page.index(">", begin) + 1, page.index("</script>", begin)
     data = json.loads(page[begin:end])
     _, x, y, z = data["bolls"][0]
-    data["bolls"].append([99, x, y, z + 0.9])
+    data["bolls"] += [[98, x, y, z + 0.9], [99, x, y, z + 1.8]]
     reported_copy.report_html.write_text(page[:begin] + json.dumps(data) + page[end:], encoding="utf-8")
     with Browser(tmp_path / "profile", webgl=False) as browser:
         browser.open(reported_copy.report_html, 400, 800)

@@ -200,8 +200,9 @@
       const photo = photos[pane.shown];
       const px = photo.size[0] / pane.zoom / (pane.svg.clientWidth || 640);  // on the screen
       const parts = [];
-      const label = (at, text, kind) => parts.push(make("text", {
-        x: at[0] + 5 * px, y: at[1] + 5 * px, style: `font-size: ${14 * px}px`, class: kind,
+      const label = (at, text, kind, side = 1) => parts.push(make("text", {
+        x: at[0] + side * 5 * px, y: at[1] + 5 * px, style: `font-size: ${14 * px}px`, class: kind,
+        "text-anchor": side > 0 ? "start" : "end",
       }, text));
       const cross = (at, kind) => parts.push(make("path", {
         d: `M${at[0] - 9 * px} ${at[1]}h${18 * px}M${at[0]} ${at[1] - 9 * px}v${18 * px}`, class: kind, "stroke-width": 2 * px,
@@ -213,11 +214,15 @@
       // The nearest bolls first: a number that would lie on another is not drawn until the photo is enlarged.
       const known = data.bolls.map(([id, ...place]) => ({ id, at: project(photo, place), away: length(minus(place, photo.centre)) }));
       const numbered = [];
+      const dots = known.map(({ at }) => at).filter(Boolean);
       for (const { id, at } of known.filter(({ at }) => at).sort((a, b) => a.away - b.away)) {
         parts.push(make("circle", { cx: at[0], cy: at[1], r: 2.5 * px, "stroke-width": px }));
-        if (numbered.some(other => Math.abs(at[0] - other[0]) < 22 * px && Math.abs(at[1] - other[1]) < 15 * px)) continue;
-        numbered.push(at);
-        label(at, id, "known");
+        // To the left where another boll's dot would lie on it.
+        const side = dots.some(dot => dot[0] > at[0] && dot[0] < at[0] + 24 * px && Math.abs(dot[1] - at[1]) < 9 * px) ? -1 : 1;
+        const middle = at[0] + side * 14 * px;
+        if (numbered.some(other => Math.abs(middle - other[0]) < 24 * px && Math.abs(at[1] - other[1]) < 15 * px)) continue;
+        numbered.push([middle, at[1]]);
+        label(at, id, "known", side);
       }
       if (data.corners.length) {
         line([...data.corners, data.corners[0]], "outline");

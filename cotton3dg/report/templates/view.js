@@ -13,7 +13,13 @@
   const rows = new Map();
   const overview = document.getElementById("overview");
   const message = document.getElementById("message");
-  const say = (text, kind = "") => { [message.textContent, message.className] = [text, kind]; };
+  const READ_MS = 15000;
+  let shown;
+  function say(text, kind = "") {
+    [message.textContent, message.className] = [text, kind];
+    clearTimeout(shown);
+    if (kind !== "red") shown = setTimeout(() => { message.textContent = ""; }, READ_MS);  // it covers the last row
+  }
   const path = (...parts) => parts.flatMap(part => part.split("/")).map(encodeURIComponent).join("/");
   const make = (name, properties = {}) => Object.assign(document.createElement(name), properties);
 

@@ -4,7 +4,7 @@
   const pointed = document.getElementById("pointed");
   const selects = ["x", "y"].map(axis => document.getElementById("scatter_" + axis));
   const rows = [...document.querySelectorAll("tr[data-plant]")];
-  const [left, right, top, bottom] = [60, 630, 12, 225];
+  const [left, right, top, bottom] = [60, 630, 24, 225];
 
   function add(name, attributes, text) {
     const element = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -38,7 +38,7 @@
     }
     const names = selects.map(select => select.selectedOptions[0].textContent);
     add("text", { x: (left + right) / 2, y: bottom + 30, "text-anchor": "middle" }, names[0]);
-    add("text", { x: left + 6, y: top + 4 }, names[1]);
+    add("text", { x: left, y: top - 10 }, names[1]);
     for (const { row, place } of dots) {
       const kind = row.dataset.odd ? "dot odd" : "dot";
       const label = `${row.cells[1].textContent}: ${names[0]} ${place[0]}, ${names[1]} ${place[1]}`;

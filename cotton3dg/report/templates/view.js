@@ -89,7 +89,9 @@
     const stopped = found.job.startsWith("stopped");
     const last = stopped || found.job.includes(found.text) ? found.job : [found.text, found.job].filter(Boolean).join("; ");
     // How far a job of this page is, it says itself; of other runs only the log is there.
-    const now = (found.busy ? found.job || "at work" : found.text).replace(/^\w+/, stage => STAGES[stage] ?? stage);
+    const logged = found.state === "working" ? found.text : "at work";
+    const told = found.job || (found.busy ? logged.replace(/, stage \d+ of \d+/, "") : logged);
+    const now = told.replace(/^\w+/, stage => STAGES[stage] ?? stage);
     const words = busy ? `working: ${now}` : `${found.state}: ${last}`;
     const made = !busy && found.made_with && make("span", { className: "soft", textContent: found.made_with });
     row.cells[1].replaceChildren(make("span", { className: found.verdict, textContent: words }), ...(made ? [make("br"), made] : []));

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..frames.frame_quality import BLURRED, quality_flags
-from ..io.tables import parse_number
+from ..io.tables import flags_of, parse_number
 from ..schemas.check import GREEN, RED, YELLOW, Finding
 from ..schemas.frames import FrameInfo, VideoInfo
 from ..schemas.scale import ScaleInfo
@@ -181,13 +181,13 @@ def find_unsure(traits: Mapping[str, object]) -> list[str]:
 
 def sureness_of(traits: Mapping[str, object], column: str) -> str | None:
     """How sure a trait of `USUAL_PCT` is, by its interval: green as usual, yellow wider, red more than `WIDE` times as
-    wide; None where it is blank. A count that is sure to one boll is green."""
+    wide; None where it is blank. A count that is sure to one boll is green; what rests on an assumed table is not."""
     value, low, high = interval_of(traits, column)
     half = (high - low) / 2
     if not (value > 0 and np.isfinite(half)):
         return None
     if half <= USUAL_PCT[column] / 100 * value or (column == "boll_count" and half <= 1):
-        return GREEN
+        return YELLOW if is_assumed(traits, column) else GREEN
     return YELLOW if half <= WIDE * USUAL_PCT[column] / 100 * value else RED
 
 
@@ -196,8 +196,15 @@ def sureness_words(traits: Mapping[str, object], column: str) -> str:
     sure = sureness_of(traits, column)
     if sure in (None, GREEN):
         return SURENESS.get(sure or "", "")
+    if is_assumed(traits, column):
+        return f"{SURENESS[sure]}: table assumed"
     value, low, high = interval_of(traits, column)
     return f"{SURENESS[sure]}: ± {50 * (high - low) / value:.0f} %"
+
+
+def is_assumed(traits: Mapping[str, object], column: str) -> bool:
+    """Whether a trait rests on a table whose size nobody measured; its interval does not allow for that."""
+    return "_cm" in column and "table_size_assumed" in flags_of(traits)
 
 
 def interval_of(traits: Mapping[str, object], column: str) -> tuple[float, float, float]:

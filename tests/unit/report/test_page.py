@@ -57,6 +57,14 @@ def test_a_mark_on_the_card_says_how_sure_a_trait_is(low: str, high: str, sure: 
     assert bool(find_unsure({**SURE, **cells})) == (sure in ("yellow", "red"))
 
 
+def test_lengths_by_an_assumed_table_are_less_sure_than_usual() -> None:
+    cells = {**SURE, "qc_flags": "orbit_gap|table_size_assumed"}
+    sure = {card["name"]: (card["sure"], card["sureness"]) for card in trait_cards(facts(**cells))}
+    assert sure.pop("Bolls")[0] == "green"
+    assert {mark for mark, _ in sure.values()} == {"yellow"}
+    assert all(words.endswith("table assumed") for _, words in sure.values())
+
+
 def test_what_is_blank_or_sure_to_one_boll_is_not_unsure() -> None:
     few = {"boll_count": "5", "boll_count_low": "4", "boll_count_high": "6"}
     assert find_unsure(few) == find_unsure({}) == find_unsure({**SURE, "boll_volume_low_cm3": ""}) == []

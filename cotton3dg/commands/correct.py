@@ -88,7 +88,7 @@ class Outcome:
         if not math.isfinite(self.volume_before_cm3 + self.volume_after_cm3):
             return bolls
         volume = f"volume: {self.volume_before_cm3:.0f} → {self.volume_after_cm3:.0f} cm³"
-        merged = any(correction.kind == "merge" for correction in self.kept.corrections)
+        merged = self.after < self.before and self.kept.corrections[-1:] and self.kept.corrections[-1].kind == "merge"
         gap = " (a merged boll has one hull, with the gap between its parts)"
         return f"{bolls}, {volume}{gap if merged and self.volume_after_cm3 > self.volume_before_cm3 else ''}"
 

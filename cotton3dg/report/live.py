@@ -21,6 +21,7 @@ from typing import Any, Final
 from .. import __version__
 from ..core.runs import State
 from ..errors import BadInput
+from ..io.command_queue import BUTTONS
 from ..io.tables import parse_number
 from ..options import PRESETS, USUAL_TABLE_CM
 from ..schemas.check import RED, YELLOW, CheckInfo
@@ -65,6 +66,7 @@ def view_page(name: str, *, is_field: bool, usual: Mapping[str, str] | None = No
         "name": name,
         "is_field": is_field,
         "usual": usual or {},
+        "buttons": BUTTONS,
         "usual_table": [f"{side:g}" if is_field else "as before" for side in USUAL_TABLE_CM],
         "shown": SHOWN,
         "presets": {preset: f"{preset}{PRESET_WORDS.get(preset, '')}" for preset in PRESETS},

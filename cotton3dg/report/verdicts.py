@@ -203,7 +203,7 @@ def sureness_words(traits: Mapping[str, object], column: str) -> str:
 
 
 def is_assumed(traits: Mapping[str, object], column: str) -> bool:
-    """Whether a trait rests on a table whose size nobody measured; its interval does not allow for that."""
+    """Whether the program assumed the size of the table that a trait in cm depends on; the interval leaves this out."""
     return "_cm" in column and "table_size_assumed" in flags_of(traits)
 
 

@@ -49,7 +49,7 @@ bolls."""
 IN_PARTS: Final = 0.12
 """Relative standard error of all volumes for each unit of the share of parts that are joined: the hull around locks
 that hang apart is too large, that of a boll without its hidden locks too small. Fitted to 29 plants of `make same-boll`
-by likelihood; 19 others give 0.11 (docs/notes/stated_errors.md)."""
+by likelihood; 19 others give 0.14 (docs/notes/stated_errors.md)."""
 BLURRED_SHARE: Final = 0.25
 """Motion blur, as a share of a boll's width, from which the plant has a flag."""
 NEIGHBOUR: Final = 1.2

@@ -9,6 +9,7 @@
   const body = document.getElementById("plants");
   const traits = body.dataset.traits.split(" ");
   const sureness = JSON.parse(body.dataset.sureness);
+  const buttons = JSON.parse(body.dataset.buttons);
   const heads = [...body.parentElement.tHead.rows[0].cells].map(head => head.textContent.trim());
   const rows = new Map();
   const overview = document.getElementById("overview");
@@ -56,7 +57,7 @@
     for (const cell of [...row.cells].slice(2, 2 + traits.length)) cell.className = "n";
     const tools = make("div", { className: "tools" });
     row.lastChild.append(tools);
-    for (const [job, words] of [["check", "Check the film"], ["run", "Measure"], ["stop", "Stop"]]) {
+    for (const [job, words] of Object.entries({ ...buttons, stop: "Stop" })) {
       const button = make("button", { type: "button", textContent: words });
       button.dataset.job = job;
       button.addEventListener("click", does(() => ask(path(plant, job), chosen())));
